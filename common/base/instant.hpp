@@ -1,0 +1,26 @@
+// Time as the cores see it: it arrives with every event, and no core has a clock of its own.
+#pragma once
+
+#include <chrono>
+#include <compare>
+
+namespace fraja {
+
+using Duration = std::chrono::nanoseconds;
+
+/// A point on a monotonic clock whose zero has no meaning. Only differences count.
+struct Instant {
+    Duration since_start{};
+    friend auto operator<=>(const Instant&, const Instant&) = default;
+    friend Instant operator+(Instant a, Duration d) { return {a.since_start + d}; }
+    friend Instant operator-(Instant a, Duration d) { return {a.since_start - d}; }
+    friend Duration operator-(Instant a, Instant b) { return a.since_start - b.since_start; }
+    /// Later than everything: "no deadline".
+    static constexpr Instant never() { return {Duration::max()}; }
+};
+
+[[nodiscard]] inline double seconds(Duration d) {
+    return std::chrono::duration<double>(d).count();
+}
+
+} // namespace fraja

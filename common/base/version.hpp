@@ -1,0 +1,17 @@
+// The version of this build.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace fraja {
+
+/// "0.1.0": the release, from the project's CMakeLists.txt.
+inline constexpr std::string_view version = FRAJA_VERSION;
+
+/// What --version prints: "fraja-worker 0.1.0, revision 0123456789ab, x86-64". The revision is
+/// git's at the time of the build ("+changes" where the tree had some, "unknown" without git); then
+/// the level of the instruction set that this program uses.
+[[nodiscard]] std::string version_line(std::string_view program);
+
+} // namespace fraja

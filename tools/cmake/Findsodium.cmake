@@ -1,0 +1,10 @@
+# libsodium has no CMake package in Debian 12: found through pkg-config, offered as sodium::sodium.
+find_package(PkgConfig QUIET)
+if(PkgConfig_FOUND)
+    pkg_check_modules(sodium QUIET IMPORTED_TARGET libsodium)
+endif()
+include(FindPackageHandleStandardArgs)
+find_package_handle_standard_args(sodium REQUIRED_VARS sodium_LIBRARIES VERSION_VAR sodium_VERSION)
+if(sodium_FOUND AND NOT TARGET sodium::sodium)
+    add_library(sodium::sodium ALIAS PkgConfig::sodium)
+endif()

@@ -1,0 +1,32 @@
+# fraja_flags: the warnings, the language and the floating-point rules every target is built with.
+option(FRAJA_WERROR "Treat warnings as errors (CI does)" OFF)
+set(FRAJA_SANITIZE "" CACHE STRING "Sanitizers to build with: address,undefined or thread")
+
+add_library(fraja_flags INTERFACE)
+target_compile_features(fraja_flags INTERFACE cxx_std_20)
+target_compile_options(fraja_flags INTERFACE
+    -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wold-style-cast
+    -ffp-contract=off) # a fused multiply-add would change the picture's bits
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
+    # GCC 12 sees overlaps in "text" + std::string(...) that are not there: GCC bug 105651.
+    target_compile_options(fraja_flags INTERFACE -Wno-restrict)
+endif()
+if(FRAJA_WERROR)
+    target_compile_options(fraja_flags INTERFACE -Werror)
+endif()
+if(FRAJA_SANITIZE)
+    target_compile_options(fraja_flags INTERFACE -fsanitize=${FRAJA_SANITIZE} -fno-omit-frame-pointer)
+    target_link_options(fraja_flags INTERFACE -fsanitize=${FRAJA_SANITIZE})
+    if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU") # what sanitizers put between looks uninitialised to GCC
+        target_compile_options(fraja_flags INTERFACE -Wno-maybe-uninitialized)
+    endif()
+    if(FRAJA_SANITIZE MATCHES "undefined")
+        target_compile_options(fraja_flags INTERFACE -fno-sanitize-recover=all)
+    endif()
+endif()
+
+set(CMAKE_INTERPROCEDURAL_OPTIMIZATION OFF)
+find_program(FRAJA_CCACHE ccache)
+if(FRAJA_CCACHE)
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${FRAJA_CCACHE})
+endif()

@@ -1,0 +1,54 @@
+# fraja_room(<name> [SOURCES ...] [HEADERS ...] [PUBLIC ...] [PRIVATE ...])
+#
+# One room: the library fraja_<name> (alias fraja::<name>) of the files listed. HEADERS are part of the
+# all_verify_interface_header_sets target, which compiles each of them alone.
+# PUBLIC rooms show in this room's headers, PRIVATE ones only in its sources.
+function(fraja_room name)
+    cmake_parse_arguments(ARG "" "" "SOURCES;HEADERS;PUBLIC;PRIVATE" ${ARGN})
+    set(target fraja_${name})
+    if(ARG_SOURCES)
+        add_library(${target} STATIC ${ARG_SOURCES})
+        set(scope PUBLIC)
+        target_link_libraries(${target} PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE} fraja_flags)
+    else()
+        add_library(${target} INTERFACE)
+        set(scope INTERFACE)
+        target_link_libraries(${target} INTERFACE ${ARG_PUBLIC})
+        target_compile_features(${target} INTERFACE cxx_std_20)
+    endif()
+    add_library(fraja::${name} ALIAS ${target})
+    target_include_directories(${target} ${scope} ${PROJECT_SOURCE_DIR})
+    if(ARG_HEADERS)
+        target_sources(${target} ${scope} FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR} FILES ${ARG_HEADERS})
+        set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
+    endif()
+endfunction()
+
+# fraja_test(<name> SOURCES ... LINKS ... [LABELS ...]): a doctest program; each TEST_CASE becomes one ctest test.
+function(fraja_test name)
+    cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+    set(target ${name}_test)
+    if(NOT TARGET fraja_test_main) # doctest itself is compiled once
+        add_library(fraja_test_main OBJECT ${PROJECT_SOURCE_DIR}/tests/support/main.cpp)
+        target_link_libraries(fraja_test_main PUBLIC doctest::doctest PRIVATE fraja_flags)
+    endif()
+    add_executable(${target} ${ARG_SOURCES})
+    target_link_libraries(${target} PRIVATE ${ARG_LINKS} fraja_test_main fraja_flags)
+    target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR})
+    # What is tested runs as users run it; the tests themselves are to be compiled soon.
+    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
+    target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS
+        FRAJA_SOURCE_DIR="${PROJECT_SOURCE_DIR}" FRAJA_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+    if(FRAJA_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug") # a ray costs ten times as much
+        target_compile_definitions(${target} PRIVATE FRAJA_INSTRUMENTED)
+    endif()
+    set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+    if(NOT ARG_TIMEOUT)
+        set(ARG_TIMEOUT 300)
+    endif()
+    set(properties TIMEOUT ${ARG_TIMEOUT})
+    if(ARG_LABELS)
+        list(APPEND properties LABELS ${ARG_LABELS})
+    endif()
+    doctest_discover_tests(${target} TEST_PREFIX "${name}: " PROPERTIES ${properties})
+endfunction()

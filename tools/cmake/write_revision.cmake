@@ -1,0 +1,16 @@
+# cmake -DSOURCE=<dir> -DOUT=<file> -P write_revision.cmake: writes the git revision of SOURCE, if it changed.
+cmake_minimum_required(VERSION 3.25)
+set(revision unknown)
+find_program(GIT git)
+if(GIT)
+    execute_process(COMMAND ${GIT} -C ${SOURCE} rev-parse --short=12 HEAD OUTPUT_VARIABLE head
+        OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE failed)
+    if(NOT failed)
+        set(revision ${head})
+        execute_process(COMMAND ${GIT} -C ${SOURCE} diff --quiet HEAD ERROR_QUIET RESULT_VARIABLE changed)
+        if(changed)
+            string(APPEND revision "+changes")
+        endif()
+    endif()
+endif()
+file(CONFIGURE OUTPUT ${OUT} CONTENT "#define FRAJA_REVISION \"@revision@\"\n" @ONLY)
