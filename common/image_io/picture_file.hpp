@@ -1,0 +1,82 @@
+// Picture files: what is written, what is read back. The only room that knows OpenImageIO.
+#pragma once
+
+#include "common/base/pixel_rect.hpp"
+#include "common/base/result.hpp"
+#include "common/image/film.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace fraja {
+
+/// More pixels than this are not read from a file, whatever its header says.
+inline constexpr std::uint64_t picture_pixels_max = std::uint64_t{1} << 28;
+
+/// What the pixels of a format are.
+enum class PixelKind {
+    levels8,  ///< 0..255, encoded for a display: .png .tif .jpg .bmp .ppm .tga
+    radiance, ///< scene-linear floats: .exr
+};
+
+/// A name and its value, carried by formats that keep any (.exr); others leave them out.
+struct PictureAttribute {
+    std::string name, value;
+    friend bool operator==(const PictureAttribute&, const PictureAttribute&) = default;
+};
+
+/// Encoded RGB, row-major from the top left: 3 * extent.pixel_count() levels.
+struct LevelsView {
+    Extent extent;
+    std::span<const std::uint8_t> rgb;
+};
+
+struct RadiancePicture {
+    Extent extent;
+    PixelRect window;
+    std::vector<float> rgb;
+    std::vector<PictureAttribute> attributes; ///< every text attribute of the file, by name
+};
+
+struct LevelsPicture {
+    Extent extent;
+    std::vector<std::uint8_t> rgb;
+    friend bool operator==(const LevelsPicture&, const LevelsPicture&) = default;
+};
+
+/// The kind of pixels that `path` will hold, from its extension in either case.
+/// Errors: invalid_argument, naming the nearest extension.
+[[nodiscard]] Result<PixelKind> pixel_kind(const std::filesystem::path& path);
+
+/// Whether a picture of that size can be put at `path`: to be asked before hours of rendering.
+/// Makes and removes an empty file beside it.
+/// Errors: invalid_argument (no such format, too large for it), io (no such directory, no
+/// permission, a directory or a write-protected file stands there).
+[[nodiscard]] Result<void> check_writable(const std::filesystem::path& path,
+                                          Extent extent = {1, 1});
+
+/// Write the film's region: as 8-bit levels, by quantise(), or as the floats themselves with the
+/// attributes and the region's place in the picture. The file appears whole or not at all, and an
+/// older one stays until then; the same arguments give the same bytes, at any time. A symbolic link
+/// is followed. The region must not be empty (asserted). Needs memory for the whole file.
+/// Errors: as check_writable(), and io for a full disk.
+[[nodiscard]] Result<void> write_picture(const std::filesystem::path& path, const Film& film,
+                                         std::span<const PictureAttribute> attributes = {});
+
+/// Write levels as they are, likewise, to a format that holds 8 bits. There must be as many as the
+/// extent says, and at least one pixel (asserted).
+[[nodiscard]] Result<void> write_levels(const std::filesystem::path& path,
+                                        const LevelsView& levels);
+
+/// Read a picture of 8-bit levels, exactly as they stand in the file. Grey is spread over the three
+/// channels; alpha is left out. Errors: io (also for a file with other than 8 bits).
+[[nodiscard]] Result<LevelsPicture> read_levels(const std::filesystem::path& path);
+
+/// Read a picture of floats (or halves), likewise.
+[[nodiscard]] Result<RadiancePicture> read_radiance(const std::filesystem::path& path);
+
+} // namespace fraja
