@@ -1,0 +1,16 @@
+#include "common/render/reference/render.hpp"
+#include "common/render/render.hpp"
+
+namespace fraja {
+
+std::shared_ptr<const CompiledScene> compile_scene(std::shared_ptr<const Scene> scene,
+                                                   Kernel kernel) {
+    switch (kernel) {
+    case Kernel::reference:
+        return reference::compile(std::move(scene));
+    }
+    FRAJA_ASSERT(!"a kernel that does not exist");
+    return nullptr;
+}
+
+} // namespace fraja

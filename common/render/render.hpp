@@ -1,0 +1,69 @@
+// What the programs call: compile a scene once, render its tiles.
+#pragma once
+
+#include "common/base/pixel_rect.hpp"
+#include "common/base/result.hpp"
+#include "common/image/tile.hpp"
+#include "common/scene/scene.hpp"
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+
+namespace fraja {
+
+enum class Kernel : std::uint8_t {
+    reference, ///< Raja's own arithmetic, byte for byte
+};
+
+/// How a picture is drawn; with the scene and a pixel's place it decides that pixel's bits, alone.
+struct RenderSettings {
+    Extent size{256, 192};   ///< of the whole picture, also where only a part is drawn
+    std::uint32_t depth = 5; ///< Raja's -d; 0 draws black
+    std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
+    bool exact = false;      ///< Raja's -e: no cut-off of faint rays
+    Kernel kernel = Kernel::reference;
+    friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
+};
+
+/// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
+/// (neither out of depth nor below the cut level).
+struct RayCounts {
+    std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
+    friend bool operator==(const RayCounts&, const RayCounts&) = default;
+    [[nodiscard]] std::uint64_t traced() const { return camera + reflected + refracted; }
+    RayCounts& operator+=(const RayCounts& o) {
+        camera += o.camera, reflected += o.reflected, refracted += o.refracted, shadow += o.shadow;
+        return *this;
+    }
+};
+
+/// Shared between a render thread and its owner while a tile is drawn.
+struct RenderControl {
+    std::atomic<bool> stop = false; ///< set by the owner: give up within a few rays
+    std::atomic<std::uint64_t> rays =
+        0; ///< kept by the renderer, at least once a pixel: it is alive
+};
+
+struct RenderedTile {
+    Tile tile;
+    RayCounts rays;
+};
+
+/// A scene made ready for rendering. Immutable; shared by all render threads.
+class CompiledScene {
+public:
+    virtual ~CompiledScene() = default;
+    /// Draws `rect`, which must lie inside settings.size and not be empty (asserted).
+    /// Every float is finite and not negative, whatever numbers the scene holds.
+    /// Errors: unresolved_overlap, naming both solids; cancelled, when control.stop was set;
+    /// limit_exceeded, when a path of more than a million bounces goes on adding light.
+    [[nodiscard]] virtual Result<RenderedTile>
+    render_tile(const RenderSettings& settings, PixelRect rect, RenderControl& control) const = 0;
+};
+
+/// Never fails: what can be wrong with a scene, its reader has found.
+[[nodiscard]] std::shared_ptr<const CompiledScene> compile_scene(std::shared_ptr<const Scene> scene,
+                                                                 Kernel kernel);
+
+} // namespace fraja

@@ -1,0 +1,65 @@
+// Draws (a part of) a picture on a few threads, as a test needs it.
+#pragma once
+
+#include "common/image/film.hpp"
+#include "common/render/render.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <vector>
+
+namespace fraja {
+
+struct Drawn {
+    Film film;
+    RayCounts rays;
+};
+
+/// Each row is a tile; `threads` take the next row that nobody has taken. The first error, in no
+/// particular order, is the result.
+[[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene, const RenderSettings& settings,
+                                        PixelRect region, unsigned threads = 2) {
+    Drawn drawn{Film(settings.size, region), {}};
+    std::mutex mutex; // guards `drawn` and `error`
+    std::optional<Error> error;
+    RenderControl control;
+    std::atomic<std::uint32_t> next_row = 0;
+    const auto draw_rows = [&] {
+        for (;;) {
+            const std::uint32_t row = next_row++;
+            if (row >= region.height)
+                return;
+            const Result<RenderedTile> tile =
+                scene.render_tile(settings, {region.x, region.y + row, region.width, 1}, control);
+            const std::scoped_lock lock(mutex);
+            if (!tile) {
+                if (!error)
+                    error = tile.error();
+                control.stop = true;
+                return;
+            }
+            drawn.film.place(tile->tile);
+            drawn.rays += tile->rays;
+        }
+    };
+    {
+        std::vector<std::jthread> crew;
+        for (unsigned i = 1; i < threads; ++i)
+            crew.emplace_back(draw_rows);
+        draw_rows();
+    }
+    if (error)
+        return *error;
+    return drawn;
+}
+
+/// The whole picture.
+[[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene,
+                                        const RenderSettings& settings) {
+    return draw(scene, settings, {0, 0, settings.size.width, settings.size.height});
+}
+
+} // namespace fraja
