@@ -1,0 +1,28 @@
+// The limits of the wire, in one place. PROTOCOL.md repeats them and a test compares the two.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace fraja::protocol {
+
+inline constexpr std::size_t frame_bytes_max = std::size_t{1} << 20; ///< any one frame
+inline constexpr std::size_t message_frames_max = 64; ///< header, body and blobs together
+inline constexpr std::size_t string_bytes_max = 4096; ///< any string of a message
+inline constexpr std::size_t name_bytes_max = 200;    ///< names of jobs and workers
+inline constexpr std::size_t tags_max = 64;           ///< tags of one worker
+inline constexpr std::size_t credit_max = 4096;       ///< tiles in flight at one worker
+inline constexpr std::size_t nesting_max = 8;         ///< arrays within arrays of a body
+
+inline constexpr std::size_t chunk_bytes = std::size_t{1}
+                                           << 19; ///< a piece of a scene or of a tile's pixels
+
+inline constexpr std::uint64_t scene_bytes_max = std::uint64_t{1} << 30;
+inline constexpr std::uint32_t picture_side_max = 65'536;                   ///< pixels
+inline constexpr std::uint64_t picture_pixels_max = std::uint64_t{1} << 28; ///< 3 GiB of floats
+inline constexpr std::uint32_t tile_side_max = 1024;                        ///< pixels
+inline constexpr std::uint32_t tiles_per_job_max = std::uint32_t{1} << 22;
+inline constexpr std::uint32_t depth_max = 1'000'000;
+inline constexpr std::uint32_t aa_max = 256;
+
+} // namespace fraja::protocol

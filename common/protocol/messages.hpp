@@ -1,0 +1,490 @@
+// The messages, in the order of PROTOCOL.md, which says what they mean and who answers what.
+// A test reads that page and fails when the two drift.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/base/ids.hpp"
+#include "common/base/instant.hpp"
+#include "common/base/pixel_rect.hpp"
+#include "common/protocol/fields.hpp"
+#include "common/protocol/settings.hpp"
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <tuple>
+#include <variant>
+#include <vector>
+
+namespace fraja::protocol {
+
+/// Of the header frame. A peer of another version is refused.
+inline constexpr std::uint16_t version = 1;
+
+// ------------------------------------------------------------------------------- parts of messages
+
+/// a + b, or the largest number where that is more: a peer's counts are its own affair.
+[[nodiscard]] constexpr std::uint64_t saturating_sum(std::uint64_t a, std::uint64_t b) {
+    return a + b < a ? UINT64_MAX : a + b;
+}
+
+/// Rays traced, by kind. Sums stay at the largest number.
+struct Rays {
+    std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
+    friend bool operator==(const Rays&, const Rays&) = default;
+    Rays& operator+=(const Rays& o) {
+        camera = saturating_sum(camera, o.camera);
+        reflected = saturating_sum(reflected, o.reflected);
+        refracted = saturating_sum(refracted, o.refracted);
+        shadow = saturating_sum(shadow, o.shadow);
+        return *this;
+    }
+    /// But for shadow rays.
+    [[nodiscard]] std::uint64_t traced() const {
+        return saturating_sum(saturating_sum(camera, reflected), refracted);
+    }
+    [[nodiscard]] std::uint64_t total() const { return saturating_sum(traced(), shadow); }
+    static constexpr auto fields() {
+        return std::tuple{Field{"camera", &Rays::camera}, Field{"reflected", &Rays::reflected},
+                          Field{"refracted", &Rays::refracted}, Field{"shadow", &Rays::shadow}};
+    }
+};
+
+/// A tile that a worker has, and how far it is.
+struct TileInFlight {
+    JobId job;
+    TileIndex tile{};
+    AttemptNumber attempt{};
+    std::uint64_t rays = 0; ///< traced so far; it must grow, or the tile hangs
+    friend bool operator==(const TileInFlight&, const TileInFlight&) = default;
+    static constexpr auto fields() {
+        using T = TileInFlight;
+        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt}, Field{"rays", &T::rays}};
+    }
+};
+
+enum class JobPhase : std::uint8_t { waiting_for_scene, queued, running, done, failed, cancelled };
+template <>
+struct ValueCount<JobPhase> {
+    static constexpr unsigned value = 6;
+};
+[[nodiscard]] constexpr bool is_over(JobPhase p) {
+    return p >= JobPhase::done;
+}
+
+enum class RefusalCode : std::uint8_t {
+    unknown_peer,     ///< say hello (again) first
+    version_mismatch, ///< another protocol version
+    malformed,        ///< bytes that are no message
+    unexpected,       ///< a message that has no place here
+    limit_exceeded,   ///< one of the broker's limits
+    no_such_job,
+    conflict, ///< the id is taken by something else
+    invalid,  ///< the content makes no sense
+};
+template <>
+struct ValueCount<RefusalCode> {
+    static constexpr unsigned value = 8;
+};
+
+enum class FailureCode : std::uint8_t {
+    scene,     ///< the scene's fault: every worker would fail
+    machine,   ///< this worker's fault: another one may do it
+    cancelled, ///< nobody's fault: stopped on the broker's word, or handed back by a leaving worker
+};
+template <>
+struct ValueCount<FailureCode> {
+    static constexpr unsigned value = 3;
+};
+
+// --------------------------------------------------------------------------------------- sessions
+
+struct WorkerHello {
+    static constexpr std::uint16_t type = 1;
+    static constexpr std::string_view name = "WorkerHello";
+    WorkerId worker;
+    std::uint64_t incarnation = 0;
+    std::string worker_name;
+    std::uint32_t threads = 0;
+    std::uint32_t credit = 0;
+    double speed_rays_per_s = 0;
+    std::uint64_t memory_bytes = 0;
+    std::vector<std::string> tags;
+    std::string program_version;
+    friend bool operator==(const WorkerHello&, const WorkerHello&) = default;
+    static constexpr auto fields() {
+        using T = WorkerHello;
+        return std::tuple{Field{"worker", &T::worker},
+                          Field{"incarnation", &T::incarnation},
+                          Field{"worker_name", &T::worker_name},
+                          Field{"threads", &T::threads},
+                          Field{"credit", &T::credit},
+                          Field{"speed_rays_per_s", &T::speed_rays_per_s},
+                          Field{"memory_bytes", &T::memory_bytes},
+                          Field{"tags", &T::tags},
+                          Field{"program_version", &T::program_version}};
+    }
+};
+
+struct ClientHello {
+    static constexpr std::uint16_t type = 2;
+    static constexpr std::string_view name = "ClientHello";
+    std::string client_name;
+    std::string program_version;
+    friend bool operator==(const ClientHello&, const ClientHello&) = default;
+    static constexpr auto fields() {
+        using T = ClientHello;
+        return std::tuple{Field{"client_name", &T::client_name},
+                          Field{"program_version", &T::program_version}};
+    }
+};
+
+struct Welcome {
+    static constexpr std::uint16_t type = 3;
+    static constexpr std::string_view name = "Welcome";
+    BrokerId broker;
+    std::uint64_t epoch = 0;
+    Duration heartbeat{};
+    std::uint32_t liveness = 0;
+    std::string stream;
+    std::string program_version;
+    friend bool operator==(const Welcome&, const Welcome&) = default;
+    static constexpr auto fields() {
+        using T = Welcome;
+        return std::tuple{
+            Field{"broker", &T::broker},       Field{"epoch", &T::epoch},
+            Field{"heartbeat", &T::heartbeat}, Field{"liveness", &T::liveness},
+            Field{"stream", &T::stream},       Field{"program_version", &T::program_version}};
+    }
+};
+
+struct Refused {
+    static constexpr std::uint16_t type = 4;
+    static constexpr std::string_view name = "Refused";
+    RefusalCode code{};
+    JobId job;
+    std::string reason;
+    friend bool operator==(const Refused&, const Refused&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"code", &Refused::code}, Field{"job", &Refused::job},
+                          Field{"reason", &Refused::reason}};
+    }
+};
+
+struct Beat {
+    static constexpr std::uint16_t type = 5;
+    static constexpr std::string_view name = "Beat";
+    friend bool operator==(const Beat&, const Beat&) = default;
+    static constexpr auto fields() { return std::tuple{}; }
+};
+
+struct WorkerBeat {
+    static constexpr std::uint16_t type = 6;
+    static constexpr std::string_view name = "WorkerBeat";
+    std::uint32_t credit = 0;
+    std::vector<TileInFlight> in_flight;
+    friend bool operator==(const WorkerBeat&, const WorkerBeat&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"credit", &WorkerBeat::credit},
+                          Field{"in_flight", &WorkerBeat::in_flight}};
+    }
+};
+
+struct Goodbye {
+    static constexpr std::uint16_t type = 7;
+    static constexpr std::string_view name = "Goodbye";
+    friend bool operator==(const Goodbye&, const Goodbye&) = default;
+    static constexpr auto fields() { return std::tuple{}; }
+};
+
+// -------------------------------------------------------------------------------- scenes as blobs
+
+struct NeedChunk {
+    static constexpr std::uint16_t type = 10;
+    static constexpr std::string_view name = "NeedChunk";
+    ContentHash blob;
+    std::uint64_t offset_bytes = 0;
+    friend bool operator==(const NeedChunk&, const NeedChunk&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"blob", &NeedChunk::blob},
+                          Field{"offset_bytes", &NeedChunk::offset_bytes}};
+    }
+};
+
+struct Chunk {
+    static constexpr std::uint16_t type = 11;
+    static constexpr std::string_view name = "Chunk";
+    ContentHash blob;
+    std::uint64_t offset_bytes = 0;
+    std::uint64_t total_bytes = 0;
+    std::vector<Blob> blobs; ///< exactly one
+    static constexpr auto fields() {
+        using T = Chunk;
+        return std::tuple{Field{"blob", &T::blob}, Field{"offset_bytes", &T::offset_bytes},
+                          Field{"total_bytes", &T::total_bytes}};
+    }
+};
+
+// -------------------------------------------------------------------------------------------- jobs
+
+struct SubmitJob {
+    static constexpr std::uint16_t type = 20;
+    static constexpr std::string_view name = "SubmitJob";
+    JobId job;
+    std::string job_name;
+    ContentHash scene;
+    std::uint64_t scene_bytes = 0;
+    PictureSettings settings;
+    std::uint32_t tile_side = 0;
+    TileOrder order = TileOrder::automatic;
+    std::int32_t priority = 0;
+    friend bool operator==(const SubmitJob&, const SubmitJob&) = default;
+    static constexpr auto fields() {
+        using T = SubmitJob;
+        return std::tuple{Field{"job", &T::job},           Field{"job_name", &T::job_name},
+                          Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
+                          Field{"settings", &T::settings}, Field{"tile_side", &T::tile_side},
+                          Field{"order", &T::order},       Field{"priority", &T::priority}};
+    }
+};
+
+struct JobState {
+    static constexpr std::uint16_t type = 21;
+    static constexpr std::string_view name = "JobState";
+    std::uint64_t epoch = 0;
+    JobId job;
+    std::uint32_t number = 0;
+    std::string job_name;
+    JobPhase phase{};
+    std::string reason;
+    ContentHash scene;
+    PictureSettings settings;
+    std::uint32_t tile_count = 0;
+    std::uint32_t done_count = 0;
+    std::uint32_t in_flight_count = 0;
+    std::uint32_t worker_count = 0;
+    Rays rays;
+    Duration render_time{};
+    Duration elapsed{};
+    friend bool operator==(const JobState&, const JobState&) = default;
+    static constexpr auto fields() {
+        using T = JobState;
+        return std::tuple{Field{"epoch", &T::epoch},
+                          Field{"job", &T::job},
+                          Field{"number", &T::number},
+                          Field{"job_name", &T::job_name},
+                          Field{"phase", &T::phase},
+                          Field{"reason", &T::reason},
+                          Field{"scene", &T::scene},
+                          Field{"settings", &T::settings},
+                          Field{"tile_count", &T::tile_count},
+                          Field{"done_count", &T::done_count},
+                          Field{"in_flight_count", &T::in_flight_count},
+                          Field{"worker_count", &T::worker_count},
+                          Field{"rays", &T::rays},
+                          Field{"render_time", &T::render_time},
+                          Field{"elapsed", &T::elapsed}};
+    }
+};
+
+struct FindJob {
+    static constexpr std::uint16_t type = 22;
+    static constexpr std::string_view name = "FindJob";
+    std::string what;
+    friend bool operator==(const FindJob&, const FindJob&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"what", &FindJob::what}}; }
+};
+
+struct CancelJob {
+    static constexpr std::uint16_t type = 23;
+    static constexpr std::string_view name = "CancelJob";
+    JobId job;
+    friend bool operator==(const CancelJob&, const CancelJob&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"job", &CancelJob::job}}; }
+};
+
+struct Repair {
+    static constexpr std::uint16_t type = 24;
+    static constexpr std::string_view name = "Repair";
+    JobId job;
+    std::uint32_t tiles_max = 0;
+    Bytes have;
+    friend bool operator==(const Repair&, const Repair&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"job", &Repair::job}, Field{"tiles_max", &Repair::tiles_max},
+                          Field{"have", &Repair::have}};
+    }
+};
+
+struct RepairDone {
+    static constexpr std::uint16_t type = 25;
+    static constexpr std::string_view name = "RepairDone";
+    JobState state;
+    std::uint32_t remaining_count = 0;
+    friend bool operator==(const RepairDone&, const RepairDone&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"state", &RepairDone::state},
+                          Field{"remaining_count", &RepairDone::remaining_count}};
+    }
+};
+
+// ------------------------------------------------------------------------------------------- tiles
+
+struct RenderTile {
+    static constexpr std::uint16_t type = 30;
+    static constexpr std::string_view name = "RenderTile";
+    JobId job;
+    TileIndex tile{};
+    AttemptNumber attempt{};
+    std::uint32_t frame = 0;
+    PixelRect rect;
+    ContentHash scene;
+    std::uint64_t scene_bytes = 0;
+    PictureSettings settings;
+    friend bool operator==(const RenderTile&, const RenderTile&) = default;
+    static constexpr auto fields() {
+        using T = RenderTile;
+        return std::tuple{Field{"job", &T::job},
+                          Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt},
+                          Field{"frame", &T::frame},
+                          Field{"rect", &T::rect},
+                          Field{"scene", &T::scene},
+                          Field{"scene_bytes", &T::scene_bytes},
+                          Field{"settings", &T::settings}};
+    }
+};
+
+struct TileRendered {
+    static constexpr std::uint16_t type = 31;
+    static constexpr std::string_view name = "TileRendered";
+    JobId job;
+    TileIndex tile{};
+    AttemptNumber attempt{};
+    Rays rays;
+    Duration elapsed{};
+    std::vector<Blob> blobs; ///< the pixels, cut into frames
+    static constexpr auto fields() {
+        using T = TileRendered;
+        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
+                          Field{"elapsed", &T::elapsed}};
+    }
+};
+
+struct TileFailed {
+    static constexpr std::uint16_t type = 32;
+    static constexpr std::string_view name = "TileFailed";
+    JobId job;
+    TileIndex tile{};
+    AttemptNumber attempt{};
+    FailureCode code{};
+    std::string reason;
+    friend bool operator==(const TileFailed&, const TileFailed&) = default;
+    static constexpr auto fields() {
+        using T = TileFailed;
+        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt}, Field{"code", &T::code},
+                          Field{"reason", &T::reason}};
+    }
+};
+
+struct CancelTile {
+    static constexpr std::uint16_t type = 33;
+    static constexpr std::string_view name = "CancelTile";
+    JobId job;
+    TileIndex tile{};
+    AttemptNumber attempt{};
+    friend bool operator==(const CancelTile&, const CancelTile&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"job", &CancelTile::job}, Field{"tile", &CancelTile::tile},
+                          Field{"attempt", &CancelTile::attempt}};
+    }
+};
+
+// -------------------------------------------------------------------------------------- the stream
+
+struct TileDone {
+    static constexpr std::uint16_t type = 40;
+    static constexpr std::string_view name = "TileDone";
+    JobId job;
+    TileIndex tile{};
+    std::uint32_t frame = 0;
+    PixelRect rect;
+    std::string worker_name;
+    Rays rays;
+    Duration elapsed{};
+    std::vector<Blob> blobs; ///< the pixels, cut into frames
+    static constexpr auto fields() {
+        using T = TileDone;
+        return std::tuple{Field{"job", &T::job},
+                          Field{"tile", &T::tile},
+                          Field{"frame", &T::frame},
+                          Field{"rect", &T::rect},
+                          Field{"worker_name", &T::worker_name},
+                          Field{"rays", &T::rays},
+                          Field{"elapsed", &T::elapsed}};
+    }
+};
+
+struct Barrier {
+    static constexpr std::uint16_t type = 41;
+    static constexpr std::string_view name = "Barrier";
+    Nonce nonce;
+    std::uint64_t epoch = 0;
+    friend bool operator==(const Barrier&, const Barrier&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"nonce", &Barrier::nonce}, Field{"epoch", &Barrier::epoch}};
+    }
+};
+
+struct WorkerState {
+    WorkerId worker;
+    std::string worker_name;
+    std::uint32_t threads = 0;
+    std::uint32_t credit = 0;
+    std::uint32_t in_flight_count = 0;
+    std::uint64_t tiles_done = 0;
+    Rays rays;
+    friend bool operator==(const WorkerState&, const WorkerState&) = default;
+    static constexpr auto fields() {
+        using T = WorkerState;
+        return std::tuple{Field{"worker", &T::worker},
+                          Field{"worker_name", &T::worker_name},
+                          Field{"threads", &T::threads},
+                          Field{"credit", &T::credit},
+                          Field{"in_flight_count", &T::in_flight_count},
+                          Field{"tiles_done", &T::tiles_done},
+                          Field{"rays", &T::rays}};
+    }
+};
+
+struct FarmState {
+    static constexpr std::uint16_t type = 42;
+    static constexpr std::string_view name = "FarmState";
+    std::uint64_t epoch = 0;
+    std::vector<JobState> jobs;
+    std::vector<WorkerState> workers;
+    friend bool operator==(const FarmState&, const FarmState&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"epoch", &FarmState::epoch}, Field{"jobs", &FarmState::jobs},
+                          Field{"workers", &FarmState::workers}};
+    }
+};
+
+using Message =
+    std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye, NeedChunk,
+                 Chunk, SubmitJob, JobState, FindJob, CancelJob, Repair, RepairDone, RenderTile,
+                 TileRendered, TileFailed, CancelTile, TileDone, Barrier, FarmState>;
+
+template <class M>
+concept CarriesBlobs = requires(M m) {
+    m.blobs;
+};
+
+[[nodiscard]] inline std::string_view name_of(const Message& message) {
+    return std::visit([](const auto& m) { return m.name; }, message);
+}
+
+} // namespace fraja::protocol

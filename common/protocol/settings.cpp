@@ -1,0 +1,43 @@
+#include "common/protocol/settings.hpp"
+
+#include "common/protocol/limits.hpp"
+
+#include <string>
+
+namespace fraja::protocol {
+namespace {
+
+Error invalid(std::string message) {
+    return {ErrorCode::invalid_argument, std::move(message)};
+}
+
+std::string text(Extent e) {
+    return std::to_string(e.width) + "x" + std::to_string(e.height);
+}
+
+} // namespace
+
+Result<void> validate(const PictureSettings& s) {
+    if (s.size.width == 0 || s.size.height == 0)
+        return invalid("size " + text(s.size) + ": a picture needs at least one pixel");
+    if (s.size.width > picture_side_max || s.size.height > picture_side_max)
+        return invalid("size " + text(s.size) + ": a side is at most " +
+                       std::to_string(picture_side_max) + " pixels");
+    if (s.size.pixel_count() > picture_pixels_max)
+        return invalid("size " + text(s.size) + ": a picture has at most " +
+                       std::to_string(picture_pixels_max) + " pixels");
+    if (s.crop.empty())
+        return invalid("crop: the rectangle is empty");
+    if (!s.crop.inside(s.size))
+        return invalid("crop: the rectangle " + std::to_string(s.crop.x) + "," +
+                       std::to_string(s.crop.y) + "," + std::to_string(s.crop.width) + "," +
+                       std::to_string(s.crop.height) + " is not within " + text(s.size));
+    if (s.depth > depth_max)
+        return invalid("depth " + std::to_string(s.depth) + ": at most " +
+                       std::to_string(depth_max));
+    if (s.aa > aa_max)
+        return invalid("aa " + std::to_string(s.aa) + ": at most " + std::to_string(aa_max));
+    return {};
+}
+
+} // namespace fraja::protocol
