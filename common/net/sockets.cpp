@@ -1,0 +1,355 @@
+#include "common/net/sockets.hpp"
+
+#include "common/base/assert.hpp"
+#include "common/net/endpoint.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <utility>
+#include <zmq.hpp>
+
+#ifdef __SANITIZE_THREAD__
+extern "C" void __tsan_release(void* address);
+extern "C" void __tsan_acquire(void* address);
+#endif
+
+namespace fraja::net {
+namespace {
+
+// A message that goes by inproc is handed from thread to thread by libzmq, which Debian builds
+// without the thread sanitizer: so it is told where a message is given away and where it is taken.
+void gives_away([[maybe_unused]] zmq::message_t& frame) {
+#ifdef __SANITIZE_THREAD__
+    __tsan_release(frame.data());
+#endif
+}
+void takes([[maybe_unused]] zmq::message_t& frame) {
+#ifdef __SANITIZE_THREAD__
+    __tsan_acquire(frame.data());
+#endif
+}
+
+} // namespace
+
+// The figures behind these: ARCHITECTURE.md, "Socket options".
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr int sockets_max = 16'384;
+constexpr int backlog =
+    4096; // the default of 100 lets 10,000 workers take half a minute to come back
+constexpr int router_queue_max =
+    10'000; // above any credit: ROUTER answers `full` only for peers that do not read
+constexpr int dealer_queue_max = 10'000;
+constexpr int stream_queue_max =
+    2'000; // messages per watcher; beyond that they are dropped and repaired
+constexpr auto handshake_max = 3s;
+constexpr auto transport_beat = 2s;
+constexpr auto transport_silence_max = 30s; // generous: beats also pause during a large transfer
+constexpr auto reconnect_min = 100ms;
+constexpr auto reconnect_max = 3s;
+
+int milliseconds(std::chrono::milliseconds d) {
+    return static_cast<int>(d.count());
+}
+
+void set_common_options(zmq::socket_t& socket) {
+    socket.set(zmq::sockopt::linger, 0);
+    socket.set(zmq::sockopt::maxmsgsize, static_cast<int64_t>(protocol::frame_bytes_max));
+    socket.set(zmq::sockopt::handshake_ivl, milliseconds(handshake_max));
+    socket.set(zmq::sockopt::tcp_keepalive, 1);
+    socket.set(zmq::sockopt::ipv6, true);
+    socket.set(zmq::sockopt::backlog, backlog);
+    socket.set(zmq::sockopt::heartbeat_ivl, milliseconds(transport_beat));
+    socket.set(zmq::sockopt::heartbeat_timeout, milliseconds(transport_silence_max));
+    socket.set(zmq::sockopt::reconnect_ivl, milliseconds(reconnect_min));
+    socket.set(zmq::sockopt::reconnect_ivl_max, milliseconds(reconnect_max));
+}
+
+/// Binding an IPv4 address through an IPv6 socket would show it as [::ffff:...]: only where it is
+/// asked for.
+void set_family_for_bind(zmq::socket_t& socket, std::string_view endpoint) {
+    socket.set(zmq::sockopt::ipv6, endpoint.find_first_of("[*") != std::string_view::npos);
+}
+
+Error refused(const char* deed, const std::string& endpoint, const zmq::error_t& e) {
+    const bool usage = e.num() == EINVAL || e.num() == EPROTONOSUPPORT || e.num() == ENODEV;
+    return {usage ? ErrorCode::invalid_argument : ErrorCode::io,
+            std::string("cannot ") + deed + " " + endpoint + ": " + e.what()};
+}
+
+/// Takes one frame if there is one. A signal that interrupts is nothing to take.
+bool take(zmq::socket_t& socket, zmq::message_t& frame) {
+    try {
+        if (!socket.recv(frame, zmq::recv_flags::dontwait))
+            return false;
+        takes(frame);
+        return true;
+    } catch (const zmq::error_t& e) {
+        if (e.num() == EINTR)
+            return false;
+        throw;
+    }
+}
+
+Bytes bytes_of(const zmq::message_t& frame) {
+    const auto* begin = static_cast<const std::byte*>(frame.data());
+    return Bytes(begin, begin + frame.size());
+}
+
+/// The frames that follow `last`, to the end of its message. libzmq bounds the size of a frame, not
+/// their number: what is beyond the limit is taken and dropped one by one.
+Frames take_rest(zmq::socket_t& socket, bool more) {
+    Frames frames;
+    while (more) {
+        zmq::message_t frame;
+        if (!take(socket,
+                  frame)) // the parts of a message arrive together, but a signal may interrupt
+            continue;
+        more = frame.more();
+        if (frames.size() <= protocol::message_frames_max)
+            frames.push_back(make_blob(bytes_of(frame)));
+    }
+    return frames;
+}
+
+enum class FrameStatus { sent, unreachable, full };
+
+FrameStatus send_frame(zmq::socket_t& socket, const void* data, std::size_t size, bool more) {
+    const auto flags =
+        zmq::send_flags::dontwait | (more ? zmq::send_flags::sndmore : zmq::send_flags::none);
+    for (;;) {
+        try {
+            zmq::message_t frame(data, size);
+            gives_away(frame);
+            return socket.send(frame, flags) ? FrameStatus::sent : FrameStatus::full;
+        } catch (const zmq::error_t& e) {
+            if (e.num() == EHOSTUNREACH)
+                return FrameStatus::unreachable;
+            if (e.num() != EINTR)
+                throw;
+        }
+    }
+}
+
+/// Header, body and blobs. Only the first frame of a message can be refused; the rest then follows
+/// it. (After a refused routing id a body sent alone would be swallowed in silence: hence the early
+/// return.)
+SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> envelope,
+                       const protocol::Packet& packet) {
+    if (envelope) {
+        switch (send_frame(socket, envelope->data(), envelope->size(), true)) {
+        case FrameStatus::sent:
+            break;
+        case FrameStatus::unreachable:
+            return SendStatus::unreachable;
+        case FrameStatus::full:
+            return SendStatus::full;
+        }
+    }
+    const auto first = send_frame(socket, packet.header.data(), packet.header.size(), true);
+    if (first != FrameStatus::sent)
+        return first == FrameStatus::full ? SendStatus::full : SendStatus::unreachable;
+    bool whole = send_frame(socket, packet.body.data(), packet.body.size(),
+                            !packet.blobs.empty()) == FrameStatus::sent;
+    for (std::size_t i = 0; i < packet.blobs.size(); ++i)
+        whole = send_frame(socket, packet.blobs[i]->data(), packet.blobs[i]->size(),
+                           i + 1 < packet.blobs.size()) == FrameStatus::sent &&
+                whole;
+    // A connection that ends between two frames of a message takes the whole message with it.
+    return whole ? SendStatus::sent : SendStatus::unreachable;
+}
+
+} // namespace
+
+struct Context::Impl {
+    zmq::context_t context;
+};
+
+Context::Context() : impl_(std::make_unique<Impl>()) {
+    impl_->context.set(zmq::ctxopt::max_sockets, sockets_max);
+    impl_->context.set(zmq::ctxopt::blocky, false);
+}
+Context::~Context() = default;
+Context::Context(Context&&) noexcept = default;
+Context& Context::operator=(Context&&) noexcept = default;
+
+struct SocketImpl {
+    zmq::socket_t socket;
+};
+
+namespace {
+
+std::unique_ptr<SocketImpl> open(const Context& context, zmq::socket_type type) {
+    auto impl = std::make_unique<SocketImpl>(zmq::socket_t(context.impl().context, type));
+    set_common_options(impl->socket);
+    return impl;
+}
+
+} // namespace
+
+Socket::Socket(std::unique_ptr<SocketImpl> impl) : impl_(std::move(impl)) {}
+Socket::Socket(Socket&&) noexcept = default;
+Socket& Socket::operator=(Socket&&) noexcept = default;
+Socket::~Socket() = default;
+void* Socket::handle() const {
+    return impl_->socket.handle();
+}
+
+// ----------------------------------------------------------------------------------------- ROUTER
+
+Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
+    try {
+        RouterSocket router(open(context, zmq::socket_type::router));
+        router.impl_->socket.set(zmq::sockopt::router_mandatory, true);
+        router.impl_->socket.set(zmq::sockopt::sndhwm, router_queue_max);
+        router.impl_->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
+        set_family_for_bind(router.impl_->socket, endpoint);
+        router.impl_->socket.bind(endpoint);
+        return router;
+    } catch (const zmq::error_t& e) {
+        return refused("listen at", endpoint, e);
+    }
+}
+
+std::string RouterSocket::endpoint() const {
+    return impl_->socket.get(zmq::sockopt::last_endpoint);
+}
+
+std::optional<RoutedMessage> RouterSocket::receive() {
+    zmq::message_t id;
+    if (!take(impl_->socket, id))
+        return std::nullopt;
+    return RoutedMessage{id.to_string(), take_rest(impl_->socket, id.more())};
+}
+
+SendStatus RouterSocket::send(const PeerId& peer, const protocol::Packet& packet) {
+    return send_packet(impl_->socket, peer, packet);
+}
+
+// ----------------------------------------------------------------------------------------- DEALER
+
+Result<DealerSocket> DealerSocket::connect(const Context& context, const std::string& endpoint) {
+    try {
+        DealerSocket dealer(open(context, zmq::socket_type::dealer));
+        dealer.impl_->socket.set(zmq::sockopt::immediate, true); // queue for connections that stand
+        dealer.impl_->socket.set(zmq::sockopt::sndhwm, dealer_queue_max);
+        dealer.impl_->socket.set(zmq::sockopt::rcvhwm, dealer_queue_max);
+        dealer.impl_->socket.connect(endpoint);
+        return dealer;
+    } catch (const zmq::error_t& e) {
+        return refused("connect to", endpoint, e);
+    }
+}
+
+std::optional<Frames> DealerSocket::receive() {
+    zmq::message_t first;
+    if (!take(impl_->socket, first))
+        return std::nullopt;
+    Frames frames{make_blob(bytes_of(first))};
+    for (Blob& frame : take_rest(impl_->socket, first.more()))
+        frames.push_back(std::move(frame));
+    return frames;
+}
+
+SendStatus DealerSocket::send(const protocol::Packet& packet) {
+    return send_packet(impl_->socket, std::nullopt, packet);
+}
+
+void DealerSocket::set_linger(Duration linger) {
+    impl_->socket.set(zmq::sockopt::linger,
+                      milliseconds(std::chrono::ceil<std::chrono::milliseconds>(linger)));
+}
+
+// ----------------------------------------------------------------------------------- XPUB and SUB
+
+Result<PublisherSocket> PublisherSocket::bind(const Context& context, const std::string& endpoint) {
+    try {
+        PublisherSocket publisher(open(context, zmq::socket_type::xpub));
+        publisher.impl_->socket.set(zmq::sockopt::sndhwm, stream_queue_max);
+        publisher.impl_->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
+        set_family_for_bind(publisher.impl_->socket, endpoint);
+        publisher.impl_->socket.bind(endpoint);
+        return publisher;
+    } catch (const zmq::error_t& e) {
+        return refused("publish at", endpoint, e);
+    }
+}
+
+std::string PublisherSocket::endpoint() const {
+    return impl_->socket.get(zmq::sockopt::last_endpoint);
+}
+
+std::optional<SubscriptionChange> PublisherSocket::receive() {
+    zmq::message_t frame;
+    while (take(impl_->socket, frame)) {
+        const std::string_view text = frame.to_string_view();
+        const bool change = !text.empty() && (text[0] == 0 || text[0] == 1);
+        SubscriptionChange result{std::string(text.substr(change ? 1 : 0)), change && text[0] == 1};
+        const bool alone = !frame.more() && change;
+        if (frame.more())
+            (void)take_rest(impl_->socket, true);
+        if (alone)
+            return result;
+    }
+    return std::nullopt;
+}
+
+void PublisherSocket::publish(std::string_view topic, const protocol::Packet& packet) {
+    (void)send_packet(impl_->socket, topic, packet);
+}
+
+Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,
+                                                   const std::string& endpoint) {
+    try {
+        SubscriberSocket subscriber(open(context, zmq::socket_type::sub));
+        subscriber.impl_->socket.set(zmq::sockopt::rcvhwm, stream_queue_max);
+        subscriber.impl_->socket.connect(endpoint);
+        return subscriber;
+    } catch (const zmq::error_t& e) {
+        return refused("subscribe at", endpoint, e);
+    }
+}
+
+void SubscriberSocket::subscribe(std::string_view topic) {
+    impl_->socket.set(zmq::sockopt::subscribe, topic);
+}
+
+void SubscriberSocket::unsubscribe(std::string_view topic) {
+    impl_->socket.set(zmq::sockopt::unsubscribe, topic);
+}
+
+std::optional<PublishedMessage> SubscriberSocket::receive() {
+    zmq::message_t topic;
+    if (!take(impl_->socket, topic))
+        return std::nullopt;
+    return PublishedMessage{topic.to_string(), take_rest(impl_->socket, topic.more())};
+}
+
+// ---------------------------------------------------------------------------------------- waiting
+
+void wait(const std::vector<Waitable>& waitables, Duration timeout) {
+    std::vector<zmq::pollitem_t> items;
+    items.reserve(waitables.size());
+    for (const Waitable& w : waitables)
+        items.push_back({w.socket, w.fd, ZMQ_POLLIN, 0});
+    // Rounded up, so that a deadline has passed when the wait is over; at most a minute, so that it
+    // fits.
+    const auto bounded = std::clamp<Duration>(timeout, Duration::zero(), 1min);
+    try {
+        zmq::poll(items, std::chrono::ceil<std::chrono::milliseconds>(bounded));
+    } catch (const zmq::error_t& e) {
+        if (e.num() != EINTR)
+            throw;
+    }
+}
+
+void wait(std::initializer_list<Waitable> waitables, Duration timeout) {
+    wait(std::vector<Waitable>(waitables), timeout);
+}
+
+} // namespace fraja::net

@@ -1,0 +1,152 @@
+// The sockets: the only code that knows ZeroMQ. Options and their reasons are those of
+// ARCHITECTURE.md.
+//
+// A socket belongs to one thread at a time. Nothing here blocks but `wait`.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/base/instant.hpp"
+#include "common/base/result.hpp"
+#include "common/protocol/codec.hpp"
+
+#include <cstdint>
+#include <initializer_list>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace fraja::net {
+
+/// Owns the I/O thread; outlives its sockets. Peers in one process meet through one context
+/// (inproc). May be shared between threads.
+class Context {
+public:
+    Context();
+    ~Context();
+    Context(Context&&) noexcept;
+    Context& operator=(Context&&) noexcept;
+
+    struct Impl;
+    [[nodiscard]] Impl& impl() const { return *impl_; }
+
+private:
+    std::unique_ptr<Impl> impl_;
+};
+
+/// The frames of a message without its envelope. At most message_frames_max + 1 are kept; decode()
+/// refuses more.
+using Frames = std::vector<Blob>;
+
+/// A connection, as the ROUTER names it. It changes with every reconnect.
+using PeerId = std::string;
+
+enum class SendStatus : std::uint8_t {
+    sent,        ///< handed to ZeroMQ; it may still be lost
+    unreachable, ///< no such connection (any more)
+    full,        ///< the peer does not read; nothing was queued
+};
+
+struct SocketImpl;
+
+/// What the four sockets share: ownership and being waited for.
+class Socket {
+public:
+    Socket(Socket&&) noexcept;
+    Socket& operator=(Socket&&) noexcept;
+    ~Socket();
+    [[nodiscard]] void* handle() const; ///< for `wait`
+
+protected:
+    explicit Socket(std::unique_ptr<SocketImpl> impl);
+    std::unique_ptr<SocketImpl> impl_;
+};
+
+struct RoutedMessage {
+    PeerId peer;
+    Frames frames;
+};
+
+/// The broker's side of every session.
+class RouterSocket : public Socket {
+public:
+    /// Errors: invalid_argument, io (the port is taken, no permission), with the endpoint and the
+    /// reason.
+    [[nodiscard]] static Result<RouterSocket> bind(const Context& context,
+                                                   const std::string& endpoint);
+    /// Where it is really bound: port 0 is replaced.
+    [[nodiscard]] std::string endpoint() const;
+    [[nodiscard]] std::optional<RoutedMessage> receive();
+    SendStatus send(const PeerId& peer, const protocol::Packet& packet);
+
+private:
+    using Socket::Socket;
+};
+
+/// A worker's or client's side. It reconnects by itself, for ever, with back-off.
+class DealerSocket : public Socket {
+public:
+    [[nodiscard]] static Result<DealerSocket> connect(const Context& context,
+                                                      const std::string& endpoint);
+    [[nodiscard]] std::optional<Frames> receive();
+    /// `full` also when there is no connection at the moment.
+    SendStatus send(const protocol::Packet& packet);
+    /// How long destruction waits for what was sent: zero unless a Goodbye is worth a moment.
+    void set_linger(Duration linger);
+
+private:
+    using Socket::Socket;
+};
+
+struct SubscriptionChange {
+    std::string topic;
+    bool subscribed = false; ///< the first subscriber came; false: the last one left
+};
+
+/// The broker's side of the stream.
+class PublisherSocket : public Socket {
+public:
+    [[nodiscard]] static Result<PublisherSocket> bind(const Context& context,
+                                                      const std::string& endpoint);
+    [[nodiscard]] std::string endpoint() const;
+    [[nodiscard]] std::optional<SubscriptionChange> receive();
+    /// Never waits: subscribers that are too slow lose the message.
+    void publish(std::string_view topic, const protocol::Packet& packet);
+
+private:
+    using Socket::Socket;
+};
+
+struct PublishedMessage {
+    std::string topic;
+    Frames frames;
+};
+
+/// A watcher's side of the stream.
+class SubscriberSocket : public Socket {
+public:
+    [[nodiscard]] static Result<SubscriberSocket> connect(const Context& context,
+                                                          const std::string& endpoint);
+    void subscribe(std::string_view topic);
+    void unsubscribe(std::string_view topic);
+    [[nodiscard]] std::optional<PublishedMessage> receive();
+
+private:
+    using Socket::Socket;
+};
+
+/// Something to wait for: a socket, or a file descriptor that becomes readable.
+struct Waitable {
+    void* socket = nullptr;
+    int fd = -1;
+    Waitable(const Socket& s) : socket(s.handle()) {}
+    Waitable(int file_descriptor) : fd(file_descriptor) {}
+};
+
+/// Returns when one of them has something to receive, or after `timeout`; sometimes early. Receive
+/// from all of them until they are empty before waiting again.
+void wait(std::initializer_list<Waitable> waitables, Duration timeout);
+void wait(const std::vector<Waitable>& waitables, Duration timeout);
+
+} // namespace fraja::net
