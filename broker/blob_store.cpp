@@ -1,0 +1,84 @@
+#include "broker/blob_store.hpp"
+
+#include "common/base/assert.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+#include <string>
+
+namespace fraja::broker {
+
+Result<void> BlobStore::acquire(const ContentHash& hash, std::uint64_t total_bytes) {
+    const auto found = entries_.find(hash);
+    if (found != entries_.end()) {
+        if (found->second.total_bytes != total_bytes)
+            return Error{ErrorCode::invalid_argument, "the scene is known with another size"};
+        ++found->second.users;
+        return {};
+    }
+    if (bytes_ + total_bytes > bytes_max_)
+        return Error{ErrorCode::limit_exceeded,
+                     "the broker holds scenes of at most " + std::to_string(bytes_max_) + " bytes"};
+    bytes_ += total_bytes;
+    entries_[hash] = Entry{.total_bytes = total_bytes, .users = 1, .data = {}, .complete = false};
+    return {};
+}
+
+void BlobStore::release(const ContentHash& hash) {
+    const auto found = entries_.find(hash);
+    FRAJA_ASSERT(found != entries_.end() && found->second.users > 0);
+    if (--found->second.users == 0) {
+        bytes_ -= found->second.total_bytes;
+        entries_.erase(found);
+    }
+}
+
+bool BlobStore::complete(const ContentHash& hash) const {
+    const auto found = entries_.find(hash);
+    return found != entries_.end() && found->second.complete;
+}
+
+std::uint64_t BlobStore::wanted_offset(const ContentHash& hash) const {
+    const auto found = entries_.find(hash);
+    return found == entries_.end() ? 0 : found->second.data.size();
+}
+
+BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
+    const auto found = entries_.find(chunk.blob);
+    if (found == entries_.end() || found->second.complete)
+        return Arrival::ignored;
+    Entry& entry = found->second;
+    const Bytes& bytes = *chunk.blobs.front();
+    const std::uint64_t rest = entry.total_bytes - entry.data.size();
+    if (chunk.offset_bytes != entry.data.size() || chunk.total_bytes != entry.total_bytes ||
+        bytes.size() != std::min<std::uint64_t>(protocol::chunk_bytes, rest))
+        return Arrival::ignored;
+    entry.data.insert(entry.data.end(), bytes.begin(), bytes.end());
+    if (entry.data.size() < entry.total_bytes)
+        return Arrival::more;
+    if (protocol::content_hash(entry.data) != chunk.blob) {
+        entry.data.clear();
+        return Arrival::wrong_hash;
+    }
+    entry.complete = true;
+    return Arrival::complete;
+}
+
+std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
+                                                std::uint64_t offset_bytes) const {
+    const auto found = entries_.find(hash);
+    if (found == entries_.end() || !found->second.complete)
+        return std::nullopt;
+    const Bytes& data = found->second.data;
+    if (offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data.size())
+        return std::nullopt;
+    const auto begin = data.begin() + static_cast<std::ptrdiff_t>(offset_bytes);
+    const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data.size() - offset_bytes);
+    protocol::Chunk chunk{
+        .blob = hash, .offset_bytes = offset_bytes, .total_bytes = data.size(), .blobs = {}};
+    chunk.blobs.push_back(make_blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
+    return chunk;
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,51 @@
+// The scenes a broker holds, by content hash: arriving chunk by chunk, kept while a job needs them.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/base/ids.hpp"
+#include "common/base/result.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <cstdint>
+#include <map>
+#include <optional>
+
+namespace fraja::broker {
+
+class BlobStore {
+public:
+    explicit BlobStore(std::uint64_t bytes_max) : bytes_max_(bytes_max) {}
+
+    /// A job needs the blob: it is kept until as many `release` follow. limit_exceeded when it
+    /// would not fit; invalid_argument when it is known with another size.
+    [[nodiscard]] Result<void> acquire(const ContentHash& hash, std::uint64_t total_bytes);
+    void release(const ContentHash& hash);
+
+    [[nodiscard]] bool complete(const ContentHash& hash) const;
+    /// The first byte that is still to come.
+    [[nodiscard]] std::uint64_t wanted_offset(const ContentHash& hash) const;
+
+    enum class Arrival { more, complete, ignored, wrong_hash };
+    /// Takes the chunk at wanted_offset; any other, and one nobody needs, is ignored. A blob that
+    /// turns out to have another hash starts again from nothing.
+    Arrival add(const protocol::Chunk& chunk);
+
+    /// The chunk of a complete blob that starts at the offset; nothing when there is no such chunk.
+    [[nodiscard]] std::optional<protocol::Chunk> chunk(const ContentHash& hash,
+                                                       std::uint64_t offset_bytes) const;
+
+    [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+
+private:
+    struct Entry {
+        std::uint64_t total_bytes = 0;
+        std::uint32_t users = 0;
+        Bytes data;
+        bool complete = false;
+    };
+    std::map<ContentHash, Entry> entries_;
+    std::uint64_t bytes_max_;
+    std::uint64_t bytes_ = 0; ///< of all entries, arrived or announced
+};
+
+} // namespace fraja::broker

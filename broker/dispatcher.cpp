@@ -1,0 +1,79 @@
+#include "broker/dispatcher.hpp"
+
+#include "common/base/assert.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+Dispatcher::Dispatcher(Identity identity, Limits limits)
+    : identity_(std::move(identity)), limits_(limits), blobs_(limits.blob_bytes_max) {}
+
+void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
+    now_ = std::max(now_, now);
+    actions_ = &actions;
+    std::visit([this](const auto& e) { on(e); }, event);
+    if (now_ >= next_sweep_) {
+        next_sweep_ = now_ + limits_.heartbeat / 2;
+        drop_silent_peers();
+        take_back_stuck_tiles();
+        give_up_scenes_that_do_not_come();
+    }
+    dispatch();
+    if (now_ >= next_digest_) {
+        next_digest_ = now_ + limits_.digest_interval;
+        publish_digests();
+    }
+    if (now_ >= next_farm_state_) {
+        next_farm_state_ = now_ + limits_.farm_interval;
+        publish_farm_state();
+    }
+    actions_ = nullptr;
+}
+
+Instant Dispatcher::next_deadline() const {
+    Instant deadline = next_sweep_;
+    const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
+        const auto found = jobs_.find(id);
+        return found != jobs_.end() && wants_digest(found->second);
+    });
+    if (digests)
+        deadline = std::min(deadline, next_digest_);
+    if (farm_subscribed_)
+        deadline = std::min(deadline, next_farm_state_);
+    return deadline;
+}
+
+std::vector<std::string> Dispatcher::describe(Instant now) const {
+    std::vector<std::string> lines;
+    for (const auto& [peer, worker] : workers_)
+        lines.push_back(
+            "worker " + worker.hello.worker_name + " " + to_string(worker.hello.worker) + ": " +
+            std::to_string(worker.grants.size()) + " of " + std::to_string(worker.credit) +
+            " tiles in flight, " + std::to_string(worker.tiles_done) + " done");
+    for (const auto& [number, id] : job_by_number_) {
+        const auto state = jobs_.at(id).state(identity_.epoch, now);
+        lines.push_back("job #" + std::to_string(number) + " " + state.job_name + " " +
+                        to_string(id) + ": " + std::to_string(state.done_count) + " of " +
+                        std::to_string(state.tile_count) + " tiles, " +
+                        std::to_string(state.in_flight_count) + " in flight");
+    }
+    return lines;
+}
+
+void Dispatcher::send(const PeerId& peer, protocol::Message message) {
+    FRAJA_ASSERT(actions_ != nullptr);
+    actions_->push_back(Send{peer, std::move(message)});
+}
+
+void Dispatcher::log(LogLevel level, std::string text) {
+    FRAJA_ASSERT(actions_ != nullptr);
+    actions_->push_back(Log{level, std::move(text)});
+}
+
+Job* Dispatcher::job_of(const JobId& id) {
+    const auto found = jobs_.find(id);
+    return found == jobs_.end() ? nullptr : &found->second;
+}
+
+} // namespace fraja::broker

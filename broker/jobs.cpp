@@ -1,0 +1,278 @@
+// Dispatcher: what is to be done.
+#include "broker/dispatcher.hpp"
+#include "broker/tile_plan.hpp"
+#include "common/base/text.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+std::string described(const Job& job) {
+    return "job #" + std::to_string(job.number()) + " " + job.submission().job_name + " " +
+           to_string(job.id());
+}
+
+} // namespace
+
+std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
+    const auto refused = [&](RefusalCode code, std::string reason) {
+        return Refused{code, s.job, std::move(reason)};
+    };
+    if (const auto valid = validate(s.settings); !valid)
+        return refused(RefusalCode::invalid, valid.error().message);
+    if (s.job == JobId{})
+        return refused(RefusalCode::invalid, "the job's id is zero");
+    if (s.job_name.size() > name_bytes_max)
+        return refused(RefusalCode::invalid,
+                       "a job's name has at most " + std::to_string(name_bytes_max) + " bytes");
+    if (s.scene_bytes == 0 || s.scene_bytes > scene_bytes_max)
+        return refused(RefusalCode::invalid,
+                       "a scene has 1 to " + std::to_string(scene_bytes_max) + " bytes");
+    if (s.tile_side > tile_side_max)
+        return refused(RefusalCode::invalid,
+                       "a tile's side is at most " + std::to_string(tile_side_max) + " pixels");
+    if (s.tile_side > 0 && tile_count(s.settings.crop, s.tile_side) > tiles_per_job_max)
+        return refused(RefusalCode::invalid,
+                       "a job has at most " + std::to_string(tiles_per_job_max) + " tiles");
+    const auto live =
+        std::ranges::count_if(jobs_, [](const auto& j) { return !is_over(j.second.phase); });
+    if (static_cast<std::size_t>(live) >= limits_.jobs_max)
+        return refused(RefusalCode::limit_exceeded,
+                       "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time");
+    return std::nullopt;
+}
+
+void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
+    if (Job* known = job_of(submission.job)) {
+        if (known->submission() != submission)
+            return refuse(peer, RefusalCode::conflict, "another job has this id", submission.job);
+        send(peer, known->state(identity_.epoch, now_));
+        if (known->phase == JobPhase::waiting_for_scene) { // its client came back
+            known->set_client(peer);
+            ask_for_scene(*known);
+        }
+        return;
+    }
+    if (const auto refused = objection(submission))
+        return send(peer, *refused);
+
+    const std::uint32_t side = submission.tile_side > 0
+                                   ? submission.tile_side
+                                   : automatic_tile_side(submission.settings.crop);
+    Job fresh(submission, last_number_ + 1, peer,
+              plan_tiles(submission.settings.crop, side, submission.order));
+    // What is over makes room for what is to come.
+    const auto over_limit = [&]() -> std::optional<std::string> {
+        std::uint64_t stored = fresh.stored_bytes();
+        for (const auto& [id, job] : jobs_)
+            stored += job.stored_bytes();
+        if (stored > limits_.stored_bytes_max)
+            return "this broker stores pictures of at most " +
+                   std::to_string(limits_.stored_bytes_max) + " bytes";
+        const auto acquired = blobs_.acquire(submission.scene, submission.scene_bytes);
+        return acquired ? std::nullopt : std::optional(acquired.error().message);
+    };
+    std::optional<std::string> full = over_limit();
+    while (full) {
+        const auto oldest = std::ranges::find_if(job_by_number_, [this](const auto& entry) {
+            return is_over(jobs_.at(entry.second).phase);
+        });
+        if (oldest == job_by_number_.end())
+            return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
+        forget(oldest->second);
+        full = over_limit();
+    }
+    Job& job = jobs_.emplace(submission.job, std::move(fresh)).first->second;
+    job.scene_came_on_at = now_;
+    job_by_number_[++last_number_] = job.id();
+    if (blobs_.complete(submission.scene)) {
+        acknowledge(job);
+        send(peer, job.state(identity_.epoch, now_));
+        return;
+    }
+    send(peer, job.state(identity_.epoch, now_));
+    const bool somebody_sends_it = std::ranges::any_of(jobs_, [&](const auto& entry) {
+        const Job& other = entry.second;
+        return other.id() != job.id() && other.phase == JobPhase::waiting_for_scene &&
+               other.submission().scene == submission.scene && other.client() != peer;
+    });
+    if (!somebody_sends_it)
+        ask_for_scene(job);
+}
+
+void Dispatcher::ask_for_scene(Job& job) {
+    const ContentHash& scene = job.submission().scene;
+    job.scene_came_on_at = now_;
+    send(job.client(), NeedChunk{scene, blobs_.wanted_offset(scene)});
+}
+
+/// The job fails for want of its scene. Whoever else waits for the same one goes on with sending
+/// it.
+void Dispatcher::give_up_scene(Job& job, const std::string& why) {
+    const ContentHash scene = job.submission().scene;
+    end_job(job, JobPhase::failed, why);
+    const auto heir = std::ranges::find_if(jobs_, [&](const auto& entry) {
+        const Job& other = entry.second;
+        return other.phase == JobPhase::waiting_for_scene && other.submission().scene == scene &&
+               clients_.contains(other.client());
+    });
+    if (heir != jobs_.end())
+        ask_for_scene(heir->second);
+}
+
+/// What a scene that does not come takes up, others may need.
+void Dispatcher::give_up_scenes_that_do_not_come() {
+    std::vector<JobId> stuck;
+    for (const auto& [id, job] : jobs_)
+        if (job.phase == JobPhase::waiting_for_scene &&
+            now_ - job.scene_came_on_at > limits_.scene_patience)
+            stuck.push_back(id);
+    for (const JobId& id : stuck)
+        if (Job* job = job_of(id); job && job->phase == JobPhase::waiting_for_scene &&
+                                   now_ - job->scene_came_on_at > limits_.scene_patience) {
+            const PeerId client = job->client();
+            give_up_scene(*job, "its client did not send the scene");
+            send(client, jobs_.at(id).state(identity_.epoch, now_));
+        }
+}
+
+void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
+    const auto waiting = [&](const Job& job) {
+        return job.phase == JobPhase::waiting_for_scene && job.submission().scene == chunk.blob;
+    };
+    std::vector<JobId> ids;
+    for (const auto& [id, job] : jobs_)
+        if (waiting(job))
+            ids.push_back(id);
+    // A stranger could spoil what somebody else sends.
+    const bool asked =
+        std::ranges::any_of(ids, [&](const JobId& id) { return jobs_.at(id).client() == peer; });
+    switch (asked ? blobs_.add(chunk) : BlobStore::Arrival::ignored) {
+    case BlobStore::Arrival::more:
+        for (const JobId& id : ids)
+            jobs_.at(id).scene_came_on_at = now_;
+        send(peer, NeedChunk{chunk.blob, blobs_.wanted_offset(chunk.blob)});
+        return;
+    case BlobStore::Arrival::complete:
+        for (const JobId& id : ids) {
+            Job& job = jobs_.at(id);
+            acknowledge(job);
+            send(job.client(), job.state(identity_.epoch, now_));
+        }
+        return;
+    case BlobStore::Arrival::wrong_hash:
+        for (const JobId& id : ids)
+            if (Job* job = job_of(id); job && job->client() == peer) {
+                end_job(*job, JobPhase::failed,
+                        "the scene that was sent does not have the announced hash");
+                send(peer, job->state(identity_.epoch, now_));
+            }
+        for (const JobId& id : ids)
+            if (Job* job = job_of(id); job && job->phase == JobPhase::waiting_for_scene)
+                return ask_for_scene(*job);
+        return;
+    case BlobStore::Arrival::ignored:
+        ++counters_.unexpected;
+        return;
+    }
+}
+
+void Dispatcher::give_chunk(const PeerId& peer, const NeedChunk& need) {
+    if (auto chunk = blobs_.chunk(need.blob, need.offset_bytes))
+        return send(peer, std::move(*chunk));
+    refuse(peer, RefusalCode::invalid,
+           "there is no chunk of " + to_string(need.blob) + " at " +
+               std::to_string(need.offset_bytes));
+}
+
+void Dispatcher::acknowledge(Job& job) {
+    job.phase = JobPhase::queued;
+    job.acknowledged_at = now_;
+    ready_.insert(job.id());
+    log(LogLevel::info,
+        described(job) + ": " + std::to_string(job.tile_count()) + " tile(s) queued");
+    publish_state(job);
+}
+
+void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
+    const std::string& what = find.what;
+    std::vector<const Job*> found;
+    if (what.starts_with('#')) {
+        const auto number = parse_count(std::string_view(what).substr(1));
+        const auto entry = number && *number <= UINT32_MAX
+                               ? job_by_number_.find(static_cast<std::uint32_t>(*number))
+                               : job_by_number_.end();
+        if (entry != job_by_number_.end())
+            found.push_back(&jobs_.at(entry->second));
+    } else if (what.empty()) {
+        if (!job_by_number_.empty())
+            found.push_back(&jobs_.at(job_by_number_.rbegin()->second));
+    } else {
+        // A name means the newest job of that name; it goes before a prefix of an id.
+        for (const auto& [number, id] : job_by_number_)
+            if (const Job& job = jobs_.at(id); job.submission().job_name == what)
+                found = {&job};
+        if (found.empty())
+            for (const auto& [id, job] : jobs_)
+                if (to_string(id).starts_with(what))
+                    found.push_back(&job);
+    }
+    if (found.empty())
+        return refuse(peer, RefusalCode::no_such_job,
+                      what.empty() ? "there is no job" : "there is no job '" + what + "'");
+    if (found.size() > 1)
+        return refuse(peer, RefusalCode::invalid,
+                      "'" + what + "' fits " + std::to_string(found.size()) +
+                          " jobs: give more of the id");
+    send(peer, found.front()->state(identity_.epoch, now_));
+}
+
+void Dispatcher::cancel_job(const PeerId& peer, const CancelJob& cancel) {
+    Job* job = job_of(cancel.job);
+    if (!job)
+        return refuse(peer, RefusalCode::no_such_job, "there is no such job", cancel.job);
+    if (!is_over(job->phase))
+        end_job(*job, JobPhase::cancelled, "cancelled by a client");
+    send(peer, job->state(identity_.epoch, now_));
+}
+
+void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
+    const auto assigned = job.assignments(); // a copy: the job forgets them first
+    job.drop_unfinished();
+    job.phase = phase;
+    job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
+    job.over_at = now_;
+    ready_.erase(job.id());
+    for (const auto& [tile, assignment] : assigned)
+        cancel_grant(assignment.peer, {job.id(), tile, assignment.attempt});
+    const auto state = job.state(identity_.epoch, now_);
+    log(phase == JobPhase::failed ? LogLevel::warning : LogLevel::info,
+        described(job) +
+            (phase == JobPhase::done     ? " is done"
+             : phase == JobPhase::failed ? " failed: " + job.reason
+                                         : " was cancelled") +
+            " after " + format_duration(state.elapsed));
+    publish_state(job);
+    const auto over =
+        std::ranges::count_if(jobs_, [](const auto& j) { return is_over(j.second.phase); });
+    if (static_cast<std::size_t>(over) > limits_.finished_jobs_max)
+        for (const auto& [number, id] : job_by_number_)
+            if (is_over(jobs_.at(id).phase) && id != job.id()) {
+                forget(JobId(id));
+                break;
+            }
+}
+
+void Dispatcher::forget(JobId id) {
+    const Job& job = jobs_.at(id);
+    blobs_.release(job.submission().scene);
+    job_by_number_.erase(job.number());
+    jobs_.erase(id);
+}
+
+} // namespace fraja::broker

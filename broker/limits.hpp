@@ -1,0 +1,40 @@
+// Every limit and every interval of the broker, in one place.
+#pragma once
+
+#include "common/base/instant.hpp"
+
+#include <cstddef>
+#include <cstdint>
+
+namespace fraja::broker {
+
+struct Limits {
+    std::size_t workers_max = 20'000;
+    std::size_t clients_max = 5'000;
+    std::size_t jobs_max = 1'000;        ///< not yet over
+    std::size_t finished_jobs_max = 200; ///< kept for watchers; the oldest are forgotten first
+    std::uint64_t stored_bytes_max = std::uint64_t{8}
+                                     << 30; ///< pixels, done and promised, of all jobs kept
+    std::uint64_t blob_bytes_max = std::uint64_t{4} << 30; ///< scenes, arrived and announced
+    std::uint32_t attempts_max = 3; ///< failures of one tile before its job fails
+    std::size_t topics_max =
+        20'000; ///< subscribed job topics remembered; nothing is published on further ones
+    std::uint32_t repair_tiles_max = 256; ///< in one answer
+    std::uint64_t repair_bytes_max = std::uint64_t{4}
+                                     << 20;  ///< in one answer, but for its first tile
+    std::size_t farm_jobs_max = 200;         ///< in a FarmState
+    std::size_t farm_workers_max = 1'000;    ///< in a FarmState
+    std::size_t farm_reason_bytes_max = 500; ///< of a job in a FarmState, which is one frame
+
+    Duration heartbeat = std::chrono::seconds(1);
+    std::uint32_t liveness = 3; ///< beats a peer may miss
+    Duration lease =
+        std::chrono::seconds(60); ///< a tile that traces no ray for so long is given to another
+    Duration scene_patience =
+        std::chrono::seconds(60); ///< a job whose scene does not come on for so long fails
+    Duration digest_interval = std::chrono::milliseconds(100);
+    Duration digest_tail = std::chrono::seconds(5); ///< digests go on so long after a job is over
+    Duration farm_interval = std::chrono::milliseconds(500);
+};
+
+} // namespace fraja::broker

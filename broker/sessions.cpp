@@ -1,0 +1,231 @@
+// Dispatcher: who is there.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/text.hpp"
+#include "common/base/version.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+/// Repeated faults are told at the 1st, 2nd, 4th, 8th ... time, so that nobody can flood the log.
+bool worth_telling(std::uint64_t count) {
+    return (count & (count - 1)) == 0;
+}
+
+} // namespace
+
+void Dispatcher::refuse(const PeerId& peer, RefusalCode code, const std::string& reason,
+                        JobId job) {
+    // A reason may quote what came, and has room for less than all of it.
+    send(peer, Refused{code, job, std::string(clipped(reason, string_bytes_max))});
+}
+
+void Dispatcher::on(const PeerSpokeRubbish& event) {
+    const bool version = event.error.code == ErrorCode::version_mismatch;
+    const std::uint64_t count = version ? ++counters_.wrong_version : ++counters_.rubbish;
+    if (worth_telling(count))
+        log(LogLevel::warning,
+            "refused " + std::to_string(count) + " " +
+                (version ? "message(s) of another version" : "malformed message(s)") +
+                " so far; the last: " + event.error.message);
+    refuse(event.peer, version ? RefusalCode::version_mismatch : RefusalCode::malformed,
+           event.error.message);
+}
+
+void Dispatcher::on(const PeerUnreachable& event) {
+    if (const auto worker = workers_.find(event.peer); worker != workers_.end())
+        end_worker(worker, Departure::lost, "its connection is gone or full");
+    end_client(event.peer);
+}
+
+void Dispatcher::on(const PeerSaid& event) {
+    const PeerId& peer = event.peer;
+    if (const auto* hello = std::get_if<WorkerHello>(&event.message))
+        return welcome_worker(peer, *hello);
+    if (const auto* hello = std::get_if<ClientHello>(&event.message))
+        return welcome_client(peer, *hello);
+    if (const auto worker = workers_.find(peer); worker != workers_.end()) {
+        worker->second.heard_at = now_;
+        if (std::holds_alternative<Goodbye>(event.message))
+            return end_worker(worker, Departure::said_goodbye, "it said goodbye");
+        return from_worker(peer, worker->second, event.message);
+    }
+    if (const auto client = clients_.find(peer); client != clients_.end()) {
+        client->second.heard_at = now_;
+        return from_client(peer, event.message);
+    }
+    if (!std::holds_alternative<Goodbye>(event.message))
+        refuse(peer, RefusalCode::unknown_peer, "say hello first");
+}
+
+void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
+    const auto too_long = [](const std::string& name) { return name.size() > name_bytes_max; };
+    if (hello.threads == 0 || hello.credit > credit_max || too_long(hello.worker_name) ||
+        hello.tags.size() > tags_max || std::ranges::any_of(hello.tags, too_long))
+        return refuse(peer, RefusalCode::limit_exceeded,
+                      "a WorkerHello beyond the limits of the protocol");
+    if (const auto known = peer_of_worker_.find(hello.worker); known != peer_of_worker_.end()) {
+        const auto old = workers_.find(known->second);
+        if (hello.incarnation < old->second.hello.incarnation)
+            return refuse(peer, RefusalCode::conflict,
+                          "a newer incarnation of this worker is here");
+        end_worker(old, Departure::replaced, "it said hello again");
+    }
+    if (const auto same_peer = workers_.find(peer); same_peer != workers_.end())
+        end_worker(same_peer, Departure::replaced, "its connection says to be another worker");
+    end_client(peer);
+    if (workers_.size() >= limits_.workers_max)
+        return refuse(peer, RefusalCode::limit_exceeded,
+                      "this broker takes " + std::to_string(limits_.workers_max) + " workers");
+    WorkerSession& worker = workers_[peer];
+    worker.hello = hello;
+    worker.credit = hello.credit;
+    worker.heard_at = now_;
+    workers_with_credit_ += hello.credit > 0;
+    peer_of_worker_[hello.worker] = peer;
+    update_load(peer, worker);
+    log(LogLevel::info, "worker " + hello.worker_name +
+                            " is here: " + std::to_string(hello.threads) + " thread(s), credit " +
+                            std::to_string(hello.credit) + ", version " + hello.program_version);
+    send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
+                       identity_.stream, std::string(fraja::version)});
+}
+
+void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
+    if (const auto worker = workers_.find(peer); worker != workers_.end())
+        end_worker(worker, Departure::replaced, "its connection says to be a client");
+    if (!clients_.contains(peer) && clients_.size() >= limits_.clients_max)
+        return refuse(peer, RefusalCode::limit_exceeded,
+                      "this broker takes " + std::to_string(limits_.clients_max) + " clients");
+    clients_[peer] = ClientSession{hello.client_name, now_};
+    send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
+                       identity_.stream, std::string(fraja::version)});
+}
+
+void Dispatcher::from_worker(const PeerId& peer, WorkerSession& worker, const Message& message) {
+    if (const auto* rendered = std::get_if<TileRendered>(&message))
+        return tile_rendered(peer, worker, *rendered);
+    if (const auto* failed = std::get_if<TileFailed>(&message))
+        return tile_failed(peer, worker, *failed);
+    if (const auto* worker_beat = std::get_if<WorkerBeat>(&message))
+        return beat(peer, worker, *worker_beat);
+    if (const auto* need = std::get_if<NeedChunk>(&message))
+        return give_chunk(peer, *need);
+    ++counters_.unexpected;
+    refuse(peer, RefusalCode::unexpected,
+           "a worker does not send " + std::string(name_of(message)));
+}
+
+void Dispatcher::from_client(const PeerId& peer, const Message& message) {
+    if (const auto* submission = std::get_if<SubmitJob>(&message))
+        return submit(peer, *submission);
+    if (const auto* chunk = std::get_if<Chunk>(&message))
+        return take_chunk(peer, *chunk);
+    if (const auto* find = std::get_if<FindJob>(&message))
+        return find_job(peer, *find);
+    if (const auto* cancel = std::get_if<CancelJob>(&message))
+        return cancel_job(peer, *cancel);
+    if (const auto* wish = std::get_if<Repair>(&message))
+        return repair(peer, *wish);
+    if (std::holds_alternative<Beat>(message))
+        return send(peer, Beat{});
+    if (std::holds_alternative<Goodbye>(message))
+        return end_client(peer);
+    ++counters_.unexpected;
+    refuse(peer, RefusalCode::unexpected,
+           "a client does not send " + std::string(name_of(message)));
+}
+
+void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
+    const auto credit = static_cast<std::uint32_t>(std::min<std::size_t>(beat.credit, credit_max));
+    if (credit == 0 && worker.credit > 0)
+        log(LogLevel::info, "worker " + worker.hello.worker_name + " drains");
+    workers_with_credit_ -= worker.credit > 0;
+    workers_with_credit_ += credit > 0;
+    worker.credit = credit;
+
+    std::set<GrantKey> listed;
+    for (const TileInFlight& tile : beat.in_flight) {
+        const GrantKey key{tile.job, tile.tile, tile.attempt};
+        listed.insert(key);
+        const auto grant = worker.grants.find(key);
+        if (grant != worker.grants.end() && tile.rays > grant->second.rays) {
+            grant->second.rays = tile.rays;
+            grant->second.progress_at = now_;
+        }
+    }
+    // What it should have had for two beats and does not name was lost on the way.
+    std::vector<GrantKey> lost;
+    for (const auto& [key, grant] : worker.grants)
+        if (!listed.contains(key) && now_ - grant.granted_at > 2 * limits_.heartbeat)
+            lost.push_back(key);
+    for (const GrantKey& key : lost) {
+        worker.grants.erase(key);
+        take_back(peer, key, false, worker, "the worker never got it");
+    }
+    update_load(peer, worker);
+    send(peer, Beat{});
+}
+
+void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {
+    const PeerId peer = worker->first;
+    const WorkerSession session = std::move(worker->second);
+    if (session.load)
+        free_workers_.erase({*session.load, peer});
+    workers_with_credit_ -= session.credit > 0;
+    peer_of_worker_.erase(session.hello.worker);
+    workers_.erase(worker);
+    if (departure == Departure::lost)
+        ++counters_.workers_lost;
+    log(departure == Departure::lost ? LogLevel::warning : LogLevel::info,
+        "worker " + session.hello.worker_name + " is gone (" + why + "); " +
+            std::to_string(session.grants.size()) + " tile(s) requeued");
+    // A tile that was being rendered when its worker died may be what killed it: that counts as a
+    // failure.
+    std::vector<std::pair<Instant, GrantKey>> by_age;
+    for (const auto& [key, grant] : session.grants)
+        by_age.emplace_back(grant.granted_at, key);
+    std::ranges::sort(by_age);
+    // The newest go back first, so that the oldest ends up at the front of the queue.
+    for (std::size_t i = by_age.size(); i-- > 0;) {
+        const GrantKey& key = by_age[i].second;
+        const bool counts = departure == Departure::lost &&
+                            (i < session.hello.threads || session.grants.at(key).rays > 0);
+        take_back(peer, key, counts, session, "the worker was lost");
+    }
+}
+
+void Dispatcher::end_client(const PeerId& peer) {
+    if (clients_.erase(peer) == 0)
+        return;
+    std::vector<JobId> orphans;
+    for (const auto& [id, job] : jobs_)
+        if (job.phase == JobPhase::waiting_for_scene && job.client() == peer)
+            orphans.push_back(id);
+    for (const JobId& id : orphans)
+        give_up_scene(jobs_.at(id), "the client left before it had sent the scene");
+}
+
+void Dispatcher::drop_silent_peers() {
+    const Duration patience = limits_.heartbeat * limits_.liveness;
+    std::vector<PeerId> silent_workers, silent_clients;
+    for (const auto& [peer, worker] : workers_)
+        if (now_ - worker.heard_at > patience)
+            silent_workers.push_back(peer);
+    for (const auto& [peer, client] : clients_)
+        if (now_ - client.heard_at > patience)
+            silent_clients.push_back(peer);
+    for (const PeerId& peer : silent_workers)
+        end_worker(workers_.find(peer), Departure::lost,
+                   "silent for " + std::to_string(limits_.liveness) + " beats");
+    for (const PeerId& peer : silent_clients)
+        end_client(peer);
+}
+
+} // namespace fraja::broker

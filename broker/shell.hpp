@@ -1,0 +1,52 @@
+// The broker's shell: sockets and the clock around the dispatcher. It moves bytes and decides
+// nothing.
+#pragma once
+
+#include "broker/events.hpp"
+#include "broker/limits.hpp"
+#include "common/base/result.hpp"
+#include "common/net/signals.hpp"
+#include "common/net/sockets.hpp"
+#include "common/net/waker.hpp"
+
+#include <atomic>
+#include <functional>
+#include <string>
+
+namespace fraja::broker {
+
+/// How other threads talk to a running broker.
+class Control {
+public:
+    void stop() {
+        stop_ = true;
+        waker_.wake();
+    }
+    [[nodiscard]] bool stopping() const { return stop_; }
+    [[nodiscard]] const net::Waker& waker() const { return waker_; }
+
+private:
+    std::atomic<bool> stop_ = false;
+    net::Waker waker_;
+};
+
+struct Options {
+    std::string bind = "tcp://127.0.0.1:50057";    ///< workers and clients
+    std::string publish = "tcp://127.0.0.1:50058"; ///< the stream
+    bool insecure =
+        false; ///< allow endpoints that other machines can reach, though nobody has keys
+    Limits limits;
+
+    /// Called once, when both sockets are bound, with their real endpoints.
+    std::function<void(const std::string& bound, const std::string& stream)> on_listening;
+    std::function<void(LogLevel, const std::string&)> on_log;
+    const net::SignalWatch* signals =
+        nullptr; ///< INT and TERM stop it, USR1 dumps the state to the log
+};
+
+/// Runs until it is told to stop. Errors: invalid_argument for endpoints that make no sense or
+/// demand keys; io when they cannot be bound.
+[[nodiscard]] Result<void> run_broker(const net::Context& context, const Options& options,
+                                      const Control& control);
+
+} // namespace fraja::broker

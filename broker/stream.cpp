@@ -1,0 +1,94 @@
+// Dispatcher: who hears of it.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/text.hpp"
+#include "common/protocol/topics.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+void Dispatcher::on(const TopicSubscribed& event) {
+    if (const auto nonce = topic_id<Nonce>('N', event.topic)) {
+        actions_->push_back(Publish{event.topic, Barrier{*nonce, identity_.epoch}});
+    } else if (const auto job = topic_id<JobId>('J', event.topic)) {
+        if (subscribed_jobs_.size() < limits_.topics_max)
+            subscribed_jobs_.insert(*job);
+    } else if (event.topic == farm_topic) {
+        farm_subscribed_ = true;
+        next_farm_state_ = now_;
+    }
+}
+
+void Dispatcher::on(const TopicUnsubscribed& event) {
+    if (const auto job = topic_id<JobId>('J', event.topic))
+        subscribed_jobs_.erase(*job);
+    else if (event.topic == farm_topic)
+        farm_subscribed_ = false;
+}
+
+bool Dispatcher::wants_digest(const Job& job) const {
+    return job.phase != JobPhase::waiting_for_scene &&
+           (!job.over_at || now_ - *job.over_at < limits_.digest_tail);
+}
+
+void Dispatcher::publish_state(const Job& job) {
+    if (subscribed_jobs_.contains(job.id()))
+        actions_->push_back(Publish{job_topic(job.id()), job.state(identity_.epoch, now_)});
+}
+
+void Dispatcher::publish_digests() {
+    for (const JobId& id : subscribed_jobs_)
+        if (const Job* job = job_of(id); job && wants_digest(*job))
+            publish_state(*job);
+}
+
+JobState Dispatcher::brief_state(const Job& job) const {
+    JobState state = job.state(identity_.epoch, now_);
+    state.reason = std::string(clipped(state.reason, limits_.farm_reason_bytes_max));
+    return state;
+}
+
+void Dispatcher::publish_farm_state() {
+    if (!farm_subscribed_)
+        return;
+    FarmState farm{.epoch = identity_.epoch, .jobs = {}, .workers = {}};
+    for (auto entry = job_by_number_.rbegin();
+         entry != job_by_number_.rend() && farm.jobs.size() < limits_.farm_jobs_max; ++entry)
+        farm.jobs.push_back(brief_state(jobs_.at(entry->second)));
+    for (const auto& [peer, worker] : workers_) {
+        if (farm.workers.size() >= limits_.farm_workers_max)
+            break;
+        farm.workers.push_back({.worker = worker.hello.worker,
+                                .worker_name = worker.hello.worker_name,
+                                .threads = worker.hello.threads,
+                                .credit = worker.credit,
+                                .in_flight_count = static_cast<std::uint32_t>(worker.grants.size()),
+                                .tiles_done = worker.tiles_done,
+                                .rays = worker.rays});
+    }
+    actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
+}
+
+void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
+    const Job* job = job_of(wish.job);
+    if (!job)
+        return refuse(peer, RefusalCode::no_such_job, "there is no such job", wish.job);
+    std::uint32_t tiles = 0;
+    std::uint64_t bytes = 0;
+    const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
+    const std::uint32_t left = job->missing(Bitmap(Bytes(wish.have)), [&](const TileDone& result) {
+        const std::uint64_t size = result.rect.pixel_count() * 3 * sizeof(float);
+        if (tiles >= tiles_max || (tiles > 0 && bytes + size > limits_.repair_bytes_max))
+            return false;
+        ++tiles;
+        bytes += size;
+        send(peer, result);
+        return true;
+    });
+    send(peer, RepairDone{job->state(identity_.epoch, now_), left});
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,24 @@
+// How a picture is cut into tiles, and in which order they are handed out.
+#pragma once
+
+#include "common/base/pixel_rect.hpp"
+#include "common/protocol/settings.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace fraja::broker {
+
+/// The side used where the client leaves the choice: about 256 tiles, 8 to 64 pixels, a multiple
+/// of 8.
+[[nodiscard]] std::uint32_t automatic_tile_side(PixelRect crop);
+
+/// Cuts `crop` into squares of `side` pixels (less at the right and the bottom), each pixel in
+/// exactly one, in the order in which they are to be handed out. `side` must not be 0.
+[[nodiscard]] std::vector<PixelRect> plan_tiles(PixelRect crop, std::uint32_t side,
+                                                protocol::TileOrder order);
+
+/// How many that are.
+[[nodiscard]] std::uint64_t tile_count(PixelRect crop, std::uint32_t side);
+
+} // namespace fraja::broker

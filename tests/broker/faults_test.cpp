@@ -1,0 +1,374 @@
+#include "tests/broker/farm.hpp"
+#include "tests/support/messages.hpp"
+#include "tests/support/seeds.hpp"
+
+using namespace fraja;
+using namespace fraja::broker;
+using namespace fraja::protocol;
+using namespace std::chrono_literals;
+
+TEST_CASE("the tiles of a silent worker go to the front of the queue") {
+    Farm farm;
+    farm.worker_arrives("dead", 1, 1, 2);
+    farm.submit(1, 6);
+    const auto lost = farm.tiles("dead");
+    REQUIRE(lost.size() == 2);
+    farm.worker_arrives("alive", 2, 1, 2);
+    auto tiles = farm.tiles("alive");
+    CHECK(tiles[0].rect.x == 20);
+    for (int i = 0; i < 5; ++i) {
+        farm.pass(700ms);
+        farm.beat("alive", 2, tiles);
+    }
+    CHECK(farm.dispatcher.worker_count() == 1);
+    CHECK(farm.dispatcher.counters().workers_lost == 1);
+    farm.forget("alive");
+    farm.render("alive", tiles[0]);
+    farm.render("alive", tiles[1]);
+    const auto next = farm.tiles("alive");
+    REQUIRE(next.size() == 2);
+    CHECK(next[0].rect == lost[0].rect);
+    CHECK(next[1].rect == lost[1].rect);
+    CHECK(next[0].attempt == AttemptNumber{2});
+}
+
+TEST_CASE("a worker that beats is not lost and one that is unreachable is at once") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    const JobId job = farm.submit(1, 2);
+    const auto tiles = farm.tiles("w");
+    for (int i = 0; i < 20; ++i) {
+        farm.pass(900ms);
+        farm.beat("w", 1, tiles, static_cast<std::uint64_t>(i));
+    }
+    CHECK(farm.dispatcher.worker_count() == 1);
+    farm.event(PeerUnreachable{"w"});
+    CHECK(farm.dispatcher.worker_count() == 0);
+    CHECK(farm.state(job).in_flight_count == 0);
+}
+
+TEST_CASE("a goodbye requeues without blame") {
+    Farm farm;
+    farm.limits.attempts_max = 1;
+    const JobId job = farm.submit(1, 2);
+    for (std::uint8_t i = 0; i < 10; ++i) {
+        farm.worker_arrives("w", i, 2, 4);
+        farm.say("w", Goodbye{});
+    }
+    CHECK(farm.state(job).phase == JobPhase::running);
+    CHECK(farm.dispatcher.counters().workers_lost == 0);
+}
+
+TEST_CASE("a worker that says hello again gets its tiles anew") {
+    Farm farm;
+    farm.worker_arrives("old connection", 1, 1, 2);
+    farm.submit(1, 4);
+    const auto before = farm.tiles("old connection");
+    farm.worker_arrives("new connection", 1, 1, 2);
+    CHECK(farm.dispatcher.worker_count() == 1);
+    const auto after = farm.tiles("new connection");
+    REQUIRE(after.size() == 2);
+    CHECK(after[0].rect == before[0].rect);
+    CHECK(after[0].attempt == AttemptNumber{2});
+    farm.render("old connection", before[0]); // no session there any more
+    CHECK(farm.last<Refused>("old connection").code == RefusalCode::unknown_peer);
+}
+
+TEST_CASE("an older incarnation of a worker is refused") {
+    Farm farm;
+    WorkerHello hello{.worker = id_of<WorkerId>(1),
+                      .incarnation = 5,
+                      .worker_name = "w",
+                      .threads = 1,
+                      .credit = 1,
+                      .speed_rays_per_s = 0,
+                      .memory_bytes = 0,
+                      .tags = {},
+                      .program_version = {}};
+    farm.say("new", hello);
+    hello.incarnation = 4;
+    farm.say("old", hello);
+    CHECK(farm.last<Refused>("old").code == RefusalCode::conflict);
+    CHECK(farm.dispatcher.worker_count() == 1);
+}
+
+TEST_CASE("a tile that fails goes to another worker and after three failures its job fails") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    const JobId other = farm.submit(2, 1);
+    farm.worker_arrives("a", 1, 1, 2);
+    const auto tile = farm.tiles("a").front();
+    REQUIRE(tile.job == job);
+    farm.worker_arrives("b", 2, 1, 1);
+    farm.worker_arrives("c", 3, 1, 1);
+    farm.fail("a", tile, FailureCode::machine);
+    CHECK(farm.tiles("a").empty()); // not where it failed
+    auto at_b = farm.tiles("b"), at_c = farm.tiles("c");
+    REQUIRE(at_b.size() + at_c.size() == 1);
+    const bool first_b = !at_b.empty();
+    farm.fail(first_b ? "b" : "c", first_b ? at_b[0] : at_c[0], FailureCode::machine);
+    const auto third = farm.tiles(first_b ? "c" : "b");
+    REQUIRE(third.size() == 1);
+    CHECK(farm.state(job).phase == JobPhase::running);
+    farm.fail(first_b ? "c" : "b", third[0], FailureCode::machine);
+    CHECK(farm.state(job).phase == JobPhase::failed);
+    CHECK(farm.state(job).reason.find("failed 3 times") != std::string::npos);
+    CHECK(farm.state(job).reason.find("no luck") != std::string::npos);
+    CHECK(farm.state(other).phase == JobPhase::running);
+}
+
+TEST_CASE("the only worker is asked again although the tile failed there") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    farm.worker_arrives("a", 1, 1, 1);
+    for (int i = 0; i < 3; ++i) {
+        const auto tiles = farm.tiles("a");
+        REQUIRE(tiles.size() == 1);
+        farm.fail("a", tiles[0], FailureCode::machine);
+    }
+    CHECK(farm.state(job).phase == JobPhase::failed);
+}
+
+TEST_CASE("a fault of the scene fails the job at once") {
+    Farm farm;
+    const JobId job = farm.submit(1, 8);
+    farm.worker_arrives("a", 1, 2, 4);
+    const auto tiles = farm.tiles("a");
+    farm.fail("a", tiles[1], FailureCode::scene);
+    CHECK(farm.state(job).phase == JobPhase::failed);
+    CHECK(farm.state(job).reason == "no luck");
+    CHECK(farm.all<CancelTile>("a").size() == 3);
+}
+
+TEST_CASE("a tile that kills its workers fails its job") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    for (std::uint8_t i = 1; i <= 3; ++i) {
+        const PeerId peer = "w" + std::to_string(i);
+        farm.worker_arrives(peer, i, 1, 2);
+        REQUIRE(farm.tiles(peer).size() == 1);
+        farm.event(PeerUnreachable{peer});
+    }
+    CHECK(farm.state(job).phase == JobPhase::failed);
+}
+
+TEST_CASE("pixels of a wrong size are a failure of the worker") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    farm.worker_arrives("a", 1, 1, 1);
+    const auto tile = farm.tiles("a").front();
+    TileRendered answer = Farm::answer(tile);
+    answer.blobs = {make_blob(Bytes(7))};
+    farm.say("a", answer);
+    CHECK(farm.state(job).done_count == 0);
+    CHECK(farm.tiles("a").size() == 1);
+}
+
+TEST_CASE("answers that nobody waits for are counted and dropped") {
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 2);
+    const SubmitJob picture = Farm::picture(1, 3);
+    farm.subscribe(picture.job);
+    farm.submit("client", picture);
+    const auto tiles = farm.tiles("a");
+    farm.render("a", tiles[0]);
+    farm.render("a", tiles[0]);
+    RenderTile never = tiles[1];
+    never.attempt = AttemptNumber{9};
+    farm.render("a", never);
+    never.job = id_of<JobId>(50);
+    farm.render("a", never);
+    CHECK(farm.dispatcher.counters().stale_answers == 3);
+    CHECK(farm.published<TileDone>(job_topic(picture.job)).size() == 1);
+}
+
+TEST_CASE("a tile that traces no ray within the lease is given to another and its late answer "
+          "still counts") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    farm.worker_arrives("stuck", 1, 1, 1);
+    const auto tile = farm.tiles("stuck");
+    farm.worker_arrives("fresh", 2, 1, 1);
+    for (Duration t{}; t < 61s; t += 900ms) {
+        farm.pass(900ms);
+        farm.beat("stuck", 1, tile, 5);
+        farm.beat("fresh", 1, {});
+    }
+    CHECK(farm.all<CancelTile>("stuck").size() == 1);
+    const auto again = farm.tiles("fresh");
+    REQUIRE(again.size() == 1);
+    farm.forget("fresh");
+    farm.render("stuck", tile[0]);
+    CHECK(farm.state(job).phase == JobPhase::done);
+    CHECK(farm.all<CancelTile>("fresh").size() == 1); // not needed any more
+}
+
+TEST_CASE("a slow tile that makes progress keeps its lease") {
+    Farm farm;
+    farm.submit(1, 1);
+    farm.worker_arrives("slow", 1, 1, 1);
+    const auto tile = farm.tiles("slow");
+    std::uint64_t rays = 1;
+    for (Duration t{}; t < 300s; t += 900ms) {
+        farm.pass(900ms);
+        farm.beat("slow", 1, tile, rays++);
+    }
+    CHECK_FALSE(farm.heard<CancelTile>("slow"));
+}
+
+TEST_CASE("a tile that the worker never got is sent again") {
+    Farm farm;
+    farm.submit(1, 1);
+    farm.worker_arrives("w", 1, 1, 1);
+    REQUIRE(farm.tiles("w").size() == 1); // and the network loses it
+    for (int i = 0; i < 4; ++i) {
+        farm.pass(900ms);
+        farm.beat("w", 1, {});
+    }
+    const auto again = farm.tiles("w");
+    REQUIRE(again.size() == 1);
+    CHECK(again[0].attempt == AttemptNumber{2});
+}
+
+TEST_CASE("a worker that cancels what nobody asked it to fails the tile in the end") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    farm.worker_arrives("w", 1, 1, 1);
+    for (std::uint32_t i = 0; i < farm.limits.attempts_max; ++i) {
+        const auto tiles = farm.tiles("w");
+        REQUIRE(tiles.size() == 1);
+        farm.fail("w", tiles[0], FailureCode::cancelled);
+    }
+    CHECK(farm.state(job).phase == JobPhase::failed);
+}
+
+TEST_CASE("absurd counts and times of a worker do not overflow") {
+    Farm farm;
+    const JobId job = farm.submit(1, 3);
+    farm.worker_arrives("w", 1, 3, 3);
+    farm.now = farm.now + 2s;
+    for (const RenderTile& tile : farm.tiles("w")) {
+        TileRendered answer = Farm::answer(tile);
+        answer.rays = {UINT64_MAX, UINT64_MAX, 1, 0};
+        answer.elapsed = Duration::max();
+        farm.say("w", answer);
+    }
+    const JobState state = farm.state(job);
+    CHECK(state.phase == JobPhase::done);
+    CHECK(state.rays == Rays{UINT64_MAX, UINT64_MAX, 3, 0});
+    CHECK(state.rays.total() == UINT64_MAX);
+    CHECK(state.render_time == 6s); // no longer than the worker had them
+}
+
+TEST_CASE("nobody else can spoil the scene that a client sends") {
+    Farm farm;
+    farm.client_arrives("owner");
+    farm.client_arrives("stranger");
+    farm.say("owner", Farm::picture(1, 1));
+    Chunk spoilt = Farm::scene_chunk();
+    spoilt.blobs = {make_blob(Bytes(scene_bytes.size()))};
+    farm.say("stranger", spoilt);
+    CHECK(farm.dispatcher.counters().unexpected == 1);
+    farm.say("owner", Farm::scene_chunk());
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::queued);
+}
+
+TEST_CASE("a worker that drains gets nothing new and leaves nothing behind") {
+    Farm farm;
+    const JobId job = farm.submit(1, 6);
+    farm.worker_arrives("w", 1, 1, 2);
+    const auto tiles = farm.tiles("w");
+    farm.beat("w", 0, tiles);
+    farm.render("w", tiles[0]);
+    farm.fail("w", tiles[1], FailureCode::cancelled); // handed back
+    CHECK(farm.tiles("w").empty());
+    farm.say("w", Goodbye{});
+    CHECK(farm.state(job).done_count == 1);
+    CHECK(farm.state(job).in_flight_count == 0);
+    farm.worker_arrives("next", 2, 1, 9);
+    CHECK(farm.tiles("next").size() == 5);
+}
+
+TEST_CASE("whatever workers do no credit is overrun and every job ends right") {
+    for_each_seed(300, [](Rng& rng) {
+        Limits limits;
+        limits.attempts_max = 1000; // so that only the end decides
+        Farm farm(limits);
+        struct Member {
+            std::uint32_t credit = 0;
+            std::vector<RenderTile> has;
+            bool here = false;
+        };
+        std::map<PeerId, Member> workers;
+        std::vector<SubmitJob> pictures;
+        for (std::uint8_t i = 1; i <= 3; ++i) {
+            pictures.push_back(Farm::picture(i, 1 + static_cast<std::uint32_t>(rng.below(30))));
+            farm.subscribe(pictures.back().job);
+        }
+        const auto collect = [&] {
+            for (auto& [peer, member] : workers) {
+                for (const auto& tile : farm.tiles(peer))
+                    if (member.here)
+                        member.has.push_back(tile);
+                CHECK(member.has.size() <= member.credit);
+            }
+        };
+        std::size_t submitted = 0;
+        for (int turn = 0; turn < 400; ++turn) {
+            if (submitted < pictures.size() && rng.below(20) == 0)
+                farm.submit("client", pictures[submitted++]);
+            const auto n = static_cast<std::uint8_t>(rng.below(4));
+            const PeerId peer = "w" + std::to_string(n);
+            Member& member = workers[peer];
+            if (!member.here) {
+                member = {1 + static_cast<std::uint32_t>(rng.below(5)), {}, true};
+                farm.worker_arrives(peer, n, 1, member.credit);
+            } else if (rng.below(30) == 0) {
+                farm.event(PeerUnreachable{peer});
+                member.here = false;
+                member.has.clear();
+            } else if (!member.has.empty()) {
+                const std::size_t at = rng.below(member.has.size());
+                const RenderTile tile = member.has[at];
+                member.has.erase(member.has.begin() + static_cast<std::ptrdiff_t>(at));
+                if (rng.below(10) == 0)
+                    farm.fail(peer, tile, FailureCode::machine);
+                else
+                    farm.render(peer, tile);
+            } else {
+                Message rubbish =
+                    random_message(rng); // well-formed, but for those that set the credit
+                while (std::holds_alternative<WorkerHello>(rubbish) ||
+                       std::holds_alternative<WorkerBeat>(rubbish))
+                    rubbish = random_message(rng);
+                farm.say(peer, rubbish);
+                if (farm.dispatcher.worker_count() < workers.size()) {
+                    farm.event(PeerUnreachable{peer}); // a goodbye, or a hello as a client
+                    member.here = false;
+                }
+            }
+            collect();
+            farm.pass(10ms);
+            for (auto& [id, other] : workers)
+                if (other.here)
+                    farm.beat(id, other.credit, other.has, static_cast<std::uint64_t>(turn));
+            collect();
+        }
+        while (submitted < pictures.size())
+            farm.submit("client", pictures[submitted++]);
+        // The trouble is over: one good worker finishes everything.
+        for (auto& [peer, member] : workers)
+            farm.event(PeerUnreachable{peer});
+        farm.worker_arrives("good", 9, 1, 3);
+        for (auto tiles = farm.tiles("good"); !tiles.empty(); tiles = farm.tiles("good"))
+            for (const auto& tile : tiles)
+                farm.render("good", tile);
+        for (const SubmitJob& picture : pictures) {
+            CHECK(farm.state(picture.job).phase == JobPhase::done);
+            std::set<TileIndex> seen;
+            for (const auto& tile : farm.published<TileDone>(job_topic(picture.job)))
+                CHECK(seen.insert(tile.tile).second);
+            CHECK(seen.size() == farm.state(picture.job).tile_count);
+        }
+    });
+}

@@ -1,0 +1,282 @@
+// Every limit of the broker, met.
+#include "common/protocol/limits.hpp"
+
+#include "tests/broker/farm.hpp"
+
+using namespace fraja;
+using namespace fraja::broker;
+using namespace fraja::protocol;
+using namespace std::chrono_literals;
+
+TEST_CASE("workers beyond workers_max are refused") {
+    Limits limits;
+    limits.workers_max = 2;
+    Farm farm(limits);
+    farm.worker_arrives("a", 1, 1, 1);
+    farm.worker_arrives("b", 2, 1, 1);
+    farm.worker_arrives("c", 3, 1, 1);
+    CHECK(farm.last<Refused>("c").code == RefusalCode::limit_exceeded);
+    CHECK(farm.dispatcher.worker_count() == 2);
+    farm.say("a", Goodbye{});
+    farm.worker_arrives("c", 3, 1, 1);
+    CHECK(farm.heard<Welcome>("c"));
+}
+
+TEST_CASE("clients beyond clients_max are refused and silent ones are forgotten") {
+    Limits limits;
+    limits.clients_max = 2;
+    Farm farm(limits);
+    farm.client_arrives("a");
+    farm.client_arrives("b");
+    farm.client_arrives("c");
+    CHECK(farm.last<Refused>("c").code == RefusalCode::limit_exceeded);
+    farm.client_arrives("a"); // who is known may say hello again
+    CHECK(farm.all<Welcome>("a").size() == 2);
+    farm.pass(10s);
+    CHECK(farm.dispatcher.client_count() == 0);
+}
+
+TEST_CASE("jobs beyond jobs_max are refused until one is over") {
+    Limits limits;
+    limits.jobs_max = 2;
+    Farm farm(limits);
+    farm.submit(1, 1);
+    farm.submit(2, 1);
+    farm.say("client", Farm::picture(3, 1));
+    CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
+    farm.say("client", CancelJob{id_of<JobId>(1)});
+    farm.say("client", Farm::picture(3, 1));
+    CHECK(farm.dispatcher.job_count() == 3);
+}
+
+TEST_CASE("the oldest finished jobs beyond finished_jobs_max are forgotten") {
+    Limits limits;
+    limits.finished_jobs_max = 2;
+    Farm farm(limits);
+    for (std::uint8_t i = 1; i <= 4; ++i) {
+        farm.submit(i, 1);
+        farm.say("client", CancelJob{id_of<JobId>(i)});
+    }
+    CHECK(farm.dispatcher.job_count() == 2);
+    farm.forget("client");
+    farm.say("client", FindJob{"#2"});
+    CHECK(farm.heard<Refused>("client"));
+    farm.say("client", FindJob{"#3"});
+    CHECK(farm.heard<JobState>("client"));
+}
+
+TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else refused") {
+    Limits limits;
+    limits.stored_bytes_max = 4'000; // one picture of 2 tiles takes 2 x 1200 and a bit
+    Farm farm(limits);
+    farm.submit(1, 2);
+    farm.say("client", Farm::picture(2, 2));
+    CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
+    farm.say("client", CancelJob{id_of<JobId>(1)});
+    farm.say("client", Farm::picture(2, 2));
+    CHECK(farm.last<JobState>("client").number == 2);
+    CHECK(farm.dispatcher.job_count() == 1);
+}
+
+TEST_CASE("scenes beyond blob_bytes_max are refused") {
+    Limits limits;
+    limits.blob_bytes_max = 50;
+    Farm farm(limits);
+    farm.submit(1, 1);
+    SubmitJob other = Farm::picture(2, 1);
+    other.scene.bytes[0] ^= 1;
+    farm.say("client", other);
+    CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::queued);
+}
+
+TEST_CASE("submissions that make no sense are refused") {
+    struct Row {
+        const char* what;
+        void (*change)(SubmitJob&);
+    };
+    for (const Row& row : {
+             Row{"no id", [](SubmitJob& s) { s.job = {}; }},
+             Row{"no pixels",
+                 [](SubmitJob& s) {
+                     s.settings.size = {0, 0};
+                 }},
+             Row{"crop outside", [](SubmitJob& s) { s.settings.crop.x = 5; }},
+             Row{"no scene", [](SubmitJob& s) { s.scene_bytes = 0; }},
+             Row{"scene too large", [](SubmitJob& s) { s.scene_bytes = scene_bytes_max + 1; }},
+             Row{"tile too large", [](SubmitJob& s) { s.tile_side = tile_side_max + 1; }},
+             Row{"too many tiles",
+                 [](SubmitJob& s) {
+                     s.settings.size = {1024, tiles_per_job_max / 1024 + 1};
+                     s.settings.crop = {0, 0, 1024, tiles_per_job_max / 1024 + 1};
+                     s.tile_side = 1;
+                 }},
+             Row{"name too long",
+                 [](SubmitJob& s) { s.job_name = std::string(name_bytes_max + 1, 'x'); }},
+         }) {
+        CAPTURE(row.what);
+        Farm farm;
+        farm.client_arrives("c");
+        SubmitJob picture = Farm::picture(1, 2);
+        row.change(picture);
+        farm.say("c", picture);
+        CHECK(farm.last<Refused>("c").code == RefusalCode::invalid);
+        CHECK(farm.dispatcher.job_count() == 0);
+    }
+}
+
+TEST_CASE("a job of tiles_per_job_max tiles is taken") {
+    Farm farm;
+    SubmitJob picture = Farm::picture(1, 1);
+    picture.settings.size = {1024, tiles_per_job_max / 1024};
+    picture.settings.crop = {0, 0, 1024, tiles_per_job_max / 1024};
+    picture.tile_side = 1;
+    CHECK(farm.state(farm.submit("client", picture)).tile_count == tiles_per_job_max);
+}
+
+TEST_CASE("a scene that does not come for scene_patience fails its job and makes room") {
+    Limits limits;
+    limits.blob_bytes_max = 50; // for one scene
+    Farm farm(limits);
+    const auto beat_for = [&](Duration d) { // the client lives, but sends nothing
+        for (Duration waited{}; waited < d; waited += 1s) {
+            farm.say("client", Beat{});
+            farm.pass(1s);
+        }
+    };
+    farm.client_arrives("client");
+    farm.say("client", Farm::picture(1, 1));
+    REQUIRE(farm.heard<NeedChunk>("client"));
+    beat_for(limits.scene_patience - 1s);
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::waiting_for_scene);
+    beat_for(2s);
+    CHECK(farm.last<JobState>("client").phase == JobPhase::failed);
+    SubmitJob other = Farm::picture(2, 1);
+    other.scene.bytes[0] ^= 1;
+    farm.say("client", other);
+    CHECK(farm.state(id_of<JobId>(2)).phase == JobPhase::waiting_for_scene);
+}
+
+TEST_CASE("a hello beyond the limits is refused") {
+    Farm farm;
+    farm.worker_arrives("no threads", 1, 0, 1);
+    CHECK(farm.last<Refused>("no threads").code == RefusalCode::limit_exceeded);
+    farm.worker_arrives("greedy", 1, 1, credit_max + 1);
+    CHECK(farm.last<Refused>("greedy").code == RefusalCode::limit_exceeded);
+    const std::string long_name(name_bytes_max + 1, 'x');
+    farm.worker_arrives(long_name, 1, 1, 1);
+    CHECK(farm.last<Refused>(long_name).code == RefusalCode::limit_exceeded);
+    WorkerHello hello;
+    hello.threads = hello.credit = 1;
+    hello.tags = {"good", long_name};
+    farm.say("tagged", hello);
+    CHECK(farm.last<Refused>("tagged").code == RefusalCode::limit_exceeded);
+    hello.tags.assign(tags_max + 1, "tag");
+    farm.say("tags", hello);
+    CHECK(farm.last<Refused>("tags").code == RefusalCode::limit_exceeded);
+    CHECK(farm.dispatcher.worker_count() == 0);
+}
+
+TEST_CASE("a beat cannot raise the credit beyond credit_max") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    farm.beat("w", 4'000'000'000u, {});
+    farm.submit(1, 5'000);
+    CHECK(farm.tiles("w").size() == credit_max);
+}
+
+TEST_CASE("one answer to repair is bounded in tiles and bytes") {
+    Limits limits;
+    limits.repair_tiles_max = 4;
+    limits.repair_bytes_max = 3'000;
+    Farm farm(limits);
+    const JobId job = farm.submit(1, 6);
+    farm.worker_arrives("w", 1, 6, 6);
+    for (const auto& tile : farm.tiles("w"))
+        farm.render("w", tile);
+    farm.say("client", Repair{job, 1'000'000, {}});
+    CHECK(farm.all<TileDone>("client").size() == 2); // 1200 bytes each
+    CHECK(farm.last<RepairDone>("client").remaining_count == 4);
+}
+
+TEST_CASE("the farm's state names at most farm_jobs_max jobs and farm_workers_max workers") {
+    Limits limits;
+    limits.farm_jobs_max = 2;
+    limits.farm_workers_max = 3;
+    Farm farm(limits);
+    for (std::uint8_t i = 1; i <= 5; ++i) {
+        farm.submit(i, 1);
+        farm.worker_arrives("w" + std::to_string(i), i, 1, 1);
+    }
+    farm.event(TopicSubscribed{std::string(farm_topic)});
+    const auto states = farm.published<FarmState>(std::string(farm_topic));
+    REQUIRE_FALSE(states.empty());
+    CHECK(states[0].jobs.size() == 2);
+    CHECK(states[0].jobs[0].number == 5); // the newest first
+    CHECK(states[0].workers.size() == 3);
+}
+
+// What peers say in up to string_bytes_max bytes is quoted with words of our own around it.
+TEST_CASE("a reason that quotes a peer at length still fits in a message") {
+    const std::string longest(string_bytes_max, 'x');
+    Farm farm;
+    farm.client_arrives("client");
+    farm.say("client", FindJob{longest});
+    CHECK(farm.last<Refused>("client").reason.size() == string_bytes_max);
+
+    const JobId job = farm.submit(1, 1);
+    farm.worker_arrives("w", 1, 1, 1);
+    for (std::uint32_t i = 0; i < farm.limits.attempts_max; ++i) {
+        const RenderTile tile = farm.tiles("w").at(0);
+        farm.say("w", TileFailed{tile.job, tile.tile, tile.attempt, FailureCode::machine, longest});
+    }
+    CHECK(farm.state(job).phase == JobPhase::failed);
+    CHECK(farm.state(job).reason.size() == string_bytes_max);
+}
+
+TEST_CASE("the farm's state fits in a frame however long its names and reasons are") {
+    Farm farm;
+    const auto name = [](std::size_t i) {
+        std::string text = std::to_string(i);
+        text.resize(name_bytes_max, 'x');
+        return text;
+    };
+    for (std::size_t i = 0; i < farm.limits.farm_workers_max; ++i) {
+        WorkerHello hello;
+        hello.worker = random_id<WorkerId>();
+        hello.worker_name = name(i);
+        hello.threads = hello.credit = 1;
+        farm.say(name(i), hello);
+    }
+    for (std::size_t i = 0; i < farm.limits.farm_jobs_max; ++i) {
+        SubmitJob picture = Farm::picture(1, 1);
+        picture.job = random_id<JobId>();
+        picture.job_name = name(i);
+        const JobId job = farm.submit("client", picture);
+        for (std::size_t w = 0; w < farm.limits.farm_workers_max; ++w)
+            for (const RenderTile& tile : farm.tiles(name(w)))
+                farm.say(name(w), TileFailed{tile.job, tile.tile, tile.attempt, FailureCode::scene,
+                                             std::string(string_bytes_max, 'x')});
+        CHECK(farm.state(job).phase == JobPhase::failed);
+    }
+    farm.event(TopicSubscribed{std::string(farm_topic)});
+    const auto states = farm.published<FarmState>(std::string(farm_topic));
+    REQUIRE_FALSE(states.empty());
+    CHECK(states.back().jobs.size() == farm.limits.farm_jobs_max);
+    CHECK(states.back().workers.size() == farm.limits.farm_workers_max);
+    CHECK(states.back().jobs[0].reason.size() == farm.limits.farm_reason_bytes_max);
+    CHECK(encode(states.back()).body.size() <= frame_bytes_max);
+}
+
+TEST_CASE("subscriptions beyond topics_max get no digests") {
+    Limits limits;
+    limits.topics_max = 1;
+    Farm farm(limits);
+    farm.subscribe(id_of<JobId>(1));
+    farm.subscribe(id_of<JobId>(2));
+    farm.submit(1, 1);
+    farm.submit(2, 1);
+    farm.pass(1s);
+    CHECK_FALSE(farm.published<JobState>(job_topic(id_of<JobId>(1))).empty());
+    CHECK(farm.published<JobState>(job_topic(id_of<JobId>(2))).empty());
+}

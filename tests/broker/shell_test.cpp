@@ -1,0 +1,135 @@
+#include "broker/shell.hpp"
+
+#include "common/protocol/codec.hpp"
+#include "common/protocol/topics.hpp"
+
+#include <doctest/doctest.h>
+#include <future>
+#include <thread>
+
+using namespace fraja;
+using namespace fraja::broker;
+using namespace fraja::protocol;
+using namespace std::chrono_literals;
+
+namespace {
+
+/// A broker in a thread, on ports that the system chose.
+class RunningBroker {
+public:
+    RunningBroker() {
+        options_.bind = "tcp://127.0.0.1:0";
+        options_.publish = "tcp://127.0.0.1:0";
+        options_.on_listening = [this](const std::string& bound, const std::string& published) {
+            listening_.set_value({bound, published});
+        };
+        thread_ =
+            std::jthread([this] { CHECK(run_broker(context, options_, control_).has_value()); });
+        std::tie(endpoint, stream) = listening_.get_future().get();
+    }
+    ~RunningBroker() { control_.stop(); }
+
+    net::Context context;
+    std::string endpoint, stream;
+
+private:
+    Options options_;
+    std::promise<std::pair<std::string, std::string>> listening_;
+    Control control_;
+    std::jthread thread_; // joined first
+};
+
+template <class S>
+auto receive_within(S& socket, Duration patience) {
+    auto received = socket.receive();
+    for (Duration waited{}; !received && waited < patience; waited += 100ms) {
+        net::wait({socket}, 100ms);
+        received = socket.receive();
+    }
+    return received;
+}
+
+template <class M>
+M expect(net::DealerSocket& socket) {
+    const auto frames = receive_within(socket, 10s);
+    REQUIRE(frames.has_value());
+    const auto message = decode(*frames);
+    REQUIRE(message.has_value());
+    REQUIRE(std::holds_alternative<M>(*message));
+    return std::get<M>(*message);
+}
+
+void say(net::DealerSocket& socket, const Message& message) {
+    while (socket.send(encode(message)) != net::SendStatus::sent) // until the connection stands
+        net::wait({socket}, 10ms);
+}
+
+} // namespace
+
+TEST_CASE("the shell carries messages between sockets and the dispatcher") {
+    RunningBroker broker;
+    auto client = net::DealerSocket::connect(broker.context, broker.endpoint);
+    REQUIRE(client.has_value());
+    say(*client, ClientHello{"test", "0"});
+    CHECK(expect<Welcome>(*client).stream == broker.stream);
+    say(*client, Beat{});
+    expect<Beat>(*client);
+}
+
+TEST_CASE("a nonce that is subscribed comes back as a barrier") {
+    RunningBroker broker;
+    auto subscriber = net::SubscriberSocket::connect(broker.context, broker.stream);
+    REQUIRE(subscriber.has_value());
+    const auto nonce = random_id<Nonce>();
+    subscriber->subscribe(barrier_topic(nonce));
+    const auto published = receive_within(*subscriber, 10s);
+    REQUIRE(published.has_value());
+    CHECK(published->topic == barrier_topic(nonce));
+    const auto message = decode(published->frames);
+    REQUIRE(message.has_value());
+    CHECK(std::get<Barrier>(*message).nonce == nonce);
+}
+
+TEST_CASE("bytes that are no message are answered and harm nobody") {
+    RunningBroker broker;
+    auto client = net::DealerSocket::connect(broker.context, broker.endpoint);
+    REQUIRE(client.has_value());
+    say(*client, ClientHello{"test", "0"});
+    expect<Welcome>(*client);
+    for (const char* noise : {"", "x", "FRJA", "FRJA\1\0\5\0"})
+        CHECK(client->send(Packet{to_bytes(noise), to_bytes("\xdd\xff\xff\xff\xff"), {}}) ==
+              net::SendStatus::sent);
+    Packet other_version = encode(Beat{});
+    other_version.header[4] = std::byte{9};
+    CHECK(client->send(other_version) == net::SendStatus::sent);
+    for (int i = 0; i < 4; ++i)
+        CHECK(expect<Refused>(*client).code == RefusalCode::malformed);
+    CHECK(expect<Refused>(*client).code == RefusalCode::version_mismatch);
+    say(*client, Beat{});
+    expect<Beat>(*client);
+}
+
+TEST_CASE("a broker without keys refuses to serve other machines") {
+    const net::Context context;
+    const Control control;
+    for (const char* endpoint :
+         {"tcp://*:0", "tcp://0.0.0.0:0", "tcp://192.0.2.1:0", "pgm://x", "nonsense://"}) {
+        CAPTURE(endpoint);
+        Options options;
+        options.bind = endpoint;
+        const auto ran = run_broker(context, options, control);
+        REQUIRE_FALSE(ran.has_value());
+        CHECK(ran.error().code == ErrorCode::invalid_argument);
+    }
+}
+
+TEST_CASE("a port that is taken is said to be") {
+    RunningBroker broker;
+    Options options;
+    options.bind = broker.endpoint;
+    const Control control;
+    const auto ran = run_broker(broker.context, options, control);
+    REQUIRE_FALSE(ran.has_value());
+    CHECK(ran.error().code == ErrorCode::io);
+    CHECK(ran.error().message.find(broker.endpoint) != std::string::npos);
+}
