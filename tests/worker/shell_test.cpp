@@ -1,0 +1,242 @@
+// The shell with real sockets, against a broker that the test plays.
+#include "worker/shell.hpp"
+
+#include "common/net/clock.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <chrono>
+#include <doctest/doctest.h>
+#include <fstream>
+#include <iterator>
+#include <optional>
+#include <string>
+#include <thread>
+
+using namespace fraja;
+using namespace fraja::worker;
+using namespace fraja::protocol;
+using namespace std::chrono_literals;
+
+namespace {
+
+Bytes scene_text(const std::string& name) {
+    std::ifstream file(FRAJA_SOURCE_DIR "/scenes/" + name, std::ios::binary);
+    REQUIRE(file);
+    return to_bytes(std::string(std::istreambuf_iterator<char>(file), {}));
+}
+
+/// The broker's socket, and the last worker that spoke.
+class FakeBroker {
+public:
+    FakeBroker(const net::Context& context, const std::string& endpoint)
+        : socket_(std::move(*net::RouterSocket::bind(context, endpoint))) {}
+
+    [[nodiscard]] std::string endpoint() const { return socket_.endpoint(); }
+
+    /// The next M; beats that come before are answered, anything else fails the test.
+    template <class M>
+    M expect() {
+        const Instant end = net::now() + 60s;
+        while (net::now() < end) {
+            auto message = receive();
+            if (!message)
+                continue;
+            if (auto* m = std::get_if<M>(&*message))
+                return std::move(*m);
+            CAPTURE(name_of(*message));
+            REQUIRE(std::holds_alternative<WorkerBeat>(*message));
+            send(Beat{});
+        }
+        FAIL("nothing came within a minute: " << M::name);
+        return {};
+    }
+    void send(const Message& message) {
+        REQUIRE(socket_.send(peer_, encode(message)) == net::SendStatus::sent);
+    }
+    void send(const Packet& packet) {
+        REQUIRE(socket_.send(peer_, packet) == net::SendStatus::sent);
+    }
+
+private:
+    std::optional<Message> receive() {
+        auto routed = socket_.receive();
+        if (!routed) {
+            net::wait({socket_}, 100ms);
+            return std::nullopt;
+        }
+        peer_ = routed->peer;
+        auto message = decode(routed->frames);
+        REQUIRE_MESSAGE(message.has_value(), message.error().message);
+        return std::move(*message);
+    }
+
+    net::RouterSocket socket_;
+    net::PeerId peer_;
+};
+
+/// A worker in a thread, as --local hosts one.
+class HostedWorker {
+public:
+    HostedWorker(const net::Context& context, std::vector<std::string> brokers)
+        : options_{.brokers = std::move(brokers),
+                   .threads = 2,
+                   .name = "hosted",
+                   .tags = {},
+                   .on_log = {}},
+          thread_([&] { outcome_ = run_worker(context, options_, control); }) {}
+    ~HostedWorker() { control.stop_now(); }
+
+    FinishReason join() {
+        thread_.join();
+        REQUIRE(outcome_->has_value());
+        return **outcome_;
+    }
+    Control control;
+
+private:
+    WorkerOptions options_;
+    std::optional<Result<FinishReason>> outcome_;
+    std::jthread thread_; // last: joined first
+};
+
+Welcome quick_welcome() {
+    return {.broker = {},
+            .epoch = 1,
+            .heartbeat = 50ms,
+            .liveness = 100,
+            .stream = "",
+            .program_version = "0"};
+}
+
+RenderTile order(const Bytes& scene, std::uint32_t tile) {
+    return {.job = JobId{},
+            .tile = TileIndex{tile},
+            .attempt = AttemptNumber{1},
+            .frame = 0,
+            .rect = {64 * tile, 0, 64, 48},
+            .scene = content_hash(scene),
+            .scene_bytes = scene.size(),
+            .settings = {}};
+}
+
+} // namespace
+
+TEST_CASE("a worker fetches a scene, renders its tiles and says goodbye") {
+    for (const std::string bound : {"inproc://broker", "tcp://127.0.0.1:*"}) {
+        CAPTURE(bound);
+        const net::Context context;
+        FakeBroker broker(context, bound);
+        HostedWorker worker(context, {broker.endpoint()});
+        const auto hello = broker.expect<WorkerHello>();
+        CHECK(hello.worker_name == "hosted");
+        CHECK(hello.credit == 4);
+        broker.send(quick_welcome());
+
+        const Bytes scene = scene_text("cone.raj");
+        broker.send(order(scene, 0));
+        broker.send(order(scene, 1));
+        const auto need = broker.expect<NeedChunk>();
+        CHECK(need == NeedChunk{content_hash(scene), 0});
+        broker.send(Chunk{need.blob, 0, scene.size(), {make_blob(scene)}});
+        for (int i = 0; i < 2; ++i) {
+            const auto tile = broker.expect<TileRendered>();
+            REQUIRE(tile.blobs.size() == 1);
+            CHECK(tile.blobs[0]->size() == 64 * 48 * 3 * 4);
+            CHECK(tile.rays.camera > 0);
+        }
+        CHECK(broker.expect<WorkerBeat>().in_flight.empty());
+        broker.send(Beat{});
+        worker.control.drain();
+        for (bool leaving = false; !leaving;) {
+            leaving = broker.expect<WorkerBeat>().credit == 0;
+            broker.send(Beat{});
+        }
+        (void)broker.expect<Goodbye>();
+        CHECK(worker.join() == FinishReason::drained);
+    }
+}
+
+TEST_CASE("a worker that is told to stop hands its tile back") {
+    const net::Context context;
+    FakeBroker broker(context, "inproc://broker");
+    HostedWorker worker(context, {"inproc://broker"});
+    (void)broker.expect<WorkerHello>();
+    broker.send(quick_welcome());
+    const Bytes scene = scene_text("tumbler.raj");
+    RenderTile endless = order(scene, 0);
+    endless.settings.aa = 256;
+    broker.send(endless);
+    (void)broker.expect<NeedChunk>();
+    broker.send(Chunk{content_hash(scene), 0, scene.size(), {make_blob(scene)}});
+    for (std::uint64_t rays = 0; rays == 0;) { // until it is under way
+        const auto beat = broker.expect<WorkerBeat>();
+        broker.send(Beat{});
+        REQUIRE(beat.in_flight.size() == 1);
+        rays = beat.in_flight[0].rays;
+    }
+    worker.control.stop_now();
+    CHECK(broker.expect<TileFailed>().code == FailureCode::cancelled);
+    (void)broker.expect<Goodbye>();
+    CHECK(worker.join() == FinishReason::stopped);
+}
+
+TEST_CASE("a worker survives rubbish and greets a broker that has forgotten it") {
+    const net::Context context;
+    FakeBroker broker(context, "inproc://broker");
+    HostedWorker worker(context, {"inproc://broker"});
+    (void)broker.expect<WorkerHello>();
+    broker.send(quick_welcome());
+    broker.send(Packet{to_bytes("FRJA"), to_bytes("?"), {}});
+    broker.send(Packet{{}, {}, {}});
+    broker.send(Refused{RefusalCode::unknown_peer, {}, "who are you?"});
+    CHECK(broker.expect<WorkerHello>().incarnation == 2);
+}
+
+TEST_CASE("a worker serves two brokers with the same threads, and leaves both") {
+    const net::Context context;
+    FakeBroker a(context, "inproc://a"), b(context, "inproc://b");
+    HostedWorker worker(context, {"inproc://a", "inproc://b"});
+    const Bytes scene = scene_text("cone.raj");
+    for (FakeBroker* broker : {&a, &b}) {
+        (void)broker->expect<WorkerHello>();
+        broker->send(quick_welcome());
+        broker->send(order(scene, 0));
+        (void)broker->expect<NeedChunk>();
+        broker->send(Chunk{content_hash(scene), 0, scene.size(), {make_blob(scene)}});
+    }
+    const auto from_a = a.expect<TileRendered>(), from_b = b.expect<TileRendered>();
+    CHECK(*from_a.blobs.at(0) == *from_b.blobs.at(0));
+}
+
+TEST_CASE("a worker whose broker comes late finds it") {
+    const net::Context context;
+    std::string endpoint;
+    {
+        const FakeBroker probe(context, "tcp://127.0.0.1:*"); // a port that is free
+        endpoint = probe.endpoint();
+    }
+    HostedWorker worker(context, {endpoint});
+    std::this_thread::sleep_for(50ms);
+    FakeBroker broker(context, endpoint);
+    (void)broker.expect<WorkerHello>();
+}
+
+TEST_CASE("a worker of another version gives up") {
+    const net::Context context;
+    FakeBroker broker(context, "inproc://broker");
+    HostedWorker worker(context, {"inproc://broker"});
+    (void)broker.expect<WorkerHello>();
+    Packet foreign = encode(Refused{RefusalCode::version_mismatch, {}, "no"});
+    foreign.header[4] = std::byte{99};
+    broker.send(foreign);
+    CHECK(worker.join() == FinishReason::version_mismatch);
+}
+
+TEST_CASE("options that make no sense are refused before anything starts") {
+    const net::Context context;
+    Control control;
+    const auto outcome = run_worker(context, {}, control);
+    REQUIRE_FALSE(outcome.has_value());
+    CHECK(outcome.error().code == ErrorCode::invalid_argument);
+}

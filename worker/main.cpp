@@ -1,0 +1,174 @@
+// fraja-worker: reads the options and runs the worker.
+#include "common/base/version.hpp"
+#include "common/net/endpoint.hpp"
+#include "common/net/signals.hpp"
+#include "worker/shell.hpp"
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <fmt/core.h>
+#include <optional>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <string>
+#include <thread>
+
+namespace {
+
+using namespace fraja;
+
+constexpr const char* examples = R"(Examples:
+  fraja-worker                                   serve the broker on this machine with every CPU
+  fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
+  fraja-worker -b tcp://a:50057,tcp://b:50057    serve two brokers
+
+Renders tiles for brokers until it is told to leave: the first TERM or INT finishes the tiles at
+hand, a second one hands them back at once. A lost broker is greeted again for ever.
+)";
+
+constexpr const char* default_broker = "tcp://127.0.0.1:50057";
+constexpr std::uint16_t default_port = 50057;
+
+enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
+
+struct Arguments {
+    worker::WorkerOptions options;
+    std::string log_level = "info";
+};
+
+int usage_error(const std::string& message) {
+    fmt::print(stderr, "fraja-worker: {}\n", message);
+    return Exit::usage;
+}
+
+void add_options(CLI::App& app, Arguments& arguments) {
+    worker::WorkerOptions& options = arguments.options;
+    app.set_version_flag("--version", version_line("fraja-worker"));
+    app.add_option("-b,--broker", options.brokers,
+                   "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
+        ->envname("FRAJA_BROKER")
+        ->delimiter(',')
+        ->default_str(default_broker);
+    app.add_option("-j,--threads", options.threads, "Render threads")
+        ->default_str("every CPU this process may use")
+        ->check(CLI::Range(1u, worker::threads_max));
+    app.add_option("--name", options.name, "What people see this worker called")
+        ->default_str("HOST:PID");
+    app.add_option("--tag", options.tags, "K or K=V, for jobs that ask for it; repeatable")
+        ->allow_extra_args(false);
+    app.add_option("--log-level", arguments.log_level, "trace, debug, info, warning or error")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
+}
+
+/// Endpoints as sockets take them.
+Result<void> complete(worker::WorkerOptions& options) {
+    if (options.brokers.empty())
+        options.brokers = {default_broker};
+    for (std::string& broker : options.brokers) {
+        if (broker == "auto")
+            return Error{ErrorCode::invalid_argument,
+                         "--broker auto: this version does not discover brokers; name one"};
+        const auto endpoint = net::parse_endpoint(broker, default_port);
+        if (!endpoint)
+            return Error{endpoint.error().code, "--broker: " + endpoint.error().message};
+        if (endpoint->transport == net::Endpoint::Transport::inproc)
+            return Error{ErrorCode::invalid_argument,
+                         "--broker " + broker + ": inproc does not leave this process"};
+        if (endpoint->transport == net::Endpoint::Transport::tcp && endpoint->port == 0)
+            return Error{ErrorCode::invalid_argument,
+                         "--broker " + broker + ": port 0 is for brokers to listen at"};
+        broker = net::to_string(*endpoint);
+    }
+    return worker::validate(options);
+}
+
+spdlog::level::level_enum to_spdlog(worker::LogLevel level) {
+    switch (level) {
+    case worker::LogLevel::debug:
+        return spdlog::level::debug;
+    case worker::LogLevel::info:
+        return spdlog::level::info;
+    case worker::LogLevel::warning:
+        return spdlog::level::warn;
+    case worker::LogLevel::error:
+        return spdlog::level::err;
+    }
+    return spdlog::level::info;
+}
+
+int exit_code(worker::FinishReason reason, int last_signal) {
+    switch (reason) {
+    case worker::FinishReason::drained:
+        return Exit::done;
+    case worker::FinishReason::stopped:
+        return Exit::interrupted + last_signal;
+    case worker::FinishReason::version_mismatch:
+        return Exit::refused;
+    }
+    return Exit::done;
+}
+
+/// Runs the worker in a thread of its own while this one watches the signals.
+int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals) {
+    const net::Context context;
+    worker::Control control;
+    const net::Waker woken;
+    std::atomic<bool> ended = false;
+    std::optional<Result<worker::FinishReason>> outcome;
+    std::jthread thread([&] {
+        outcome = worker::run_worker(context, options, control);
+        ended = true;
+        woken.wake();
+    });
+    int signal_count = 0, last_signal = 0;
+    while (!ended) {
+        net::wait({woken.fd(), signals.fd()}, std::chrono::minutes(1));
+        while (const auto signal = signals.receive()) {
+            last_signal = *signal;
+            if (++signal_count == 1)
+                control.drain();
+            else
+                control.stop_now();
+        }
+    }
+    thread.join();
+    if (!*outcome)
+        return usage_error(outcome->error().message);
+    return exit_code(**outcome, last_signal);
+}
+
+} // namespace
+
+int main(int argc, char** argv) try {
+    const net::SignalWatch signals({SIGINT, SIGTERM});
+    Arguments arguments;
+    arguments.options.threads = worker::usable_cpu_count();
+    arguments.options.name = worker::default_worker_name();
+    CLI::App app(examples, "fraja-worker");
+    add_options(app, arguments);
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& e) {
+        return app.exit(e) == 0 ? Exit::done : Exit::usage;
+    }
+    worker::WorkerOptions& options = arguments.options;
+    if (const auto completed = complete(options); !completed)
+        return usage_error(completed.error().message);
+
+    const auto logger = spdlog::stderr_color_mt("fraja-worker");
+    logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
+    logger->set_level(spdlog::level::from_str(arguments.log_level));
+    options.on_log = [&](worker::LogLevel level, const std::string& text) {
+        logger->log(to_spdlog(level), "{}", text);
+    };
+    logger->info("'{}' serves with {} threads", options.name, options.threads);
+    return serve(options, signals);
+} catch (const std::exception& e) {
+    fmt::print(stderr, "fraja-worker: {}\n", e.what());
+    return 1;
+}

@@ -1,0 +1,233 @@
+#include "worker/render_pool.hpp"
+
+#include "common/net/clock.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/limits.hpp"
+#include "common/scene/raj_reader.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <exception>
+#include <limits>
+#include <new>
+#include <optional>
+
+namespace fraja::worker {
+namespace {
+
+// A second kernel asks for scenes to be compiled per kernel, not once.
+static_assert(protocol::ValueCount<protocol::KernelChoice>::value == 1);
+
+RenderSettings render_settings(const protocol::PictureSettings& s) {
+    return {.size = s.size,
+            .depth = s.depth,
+            .aa = s.aa,
+            .exact = s.exact,
+            .kernel = Kernel::reference};
+}
+
+protocol::Rays rays_of(const RayCounts& r) {
+    return {
+        .camera = r.camera, .reflected = r.reflected, .refracted = r.refracted, .shadow = r.shadow};
+}
+
+Bytes joined(const std::vector<Blob>& chunks) {
+    std::size_t size = 0;
+    for (const Blob& chunk : chunks)
+        size += chunk->size();
+    Bytes whole;
+    whole.reserve(size);
+    for (const Blob& chunk : chunks)
+        whole.insert(whole.end(), chunk->begin(), chunk->end());
+    return whole;
+}
+
+Result<std::shared_ptr<const Scene>> read_scene(std::vector<Blob> chunks, const ContentHash& hash) {
+    const Bytes text = joined(chunks);
+    chunks.clear(); // a large scene need not be here twice
+    if (protocol::content_hash(text) != hash)
+        return Error{ErrorCode::malformed_frame,
+                     "the scene's bytes do not have the hash they were asked for by"};
+    auto scene = read_raj(as_text(text), "scene");
+    if (!scene)
+        return scene.error();
+    return std::make_shared<const Scene>(std::move(*scene));
+}
+
+/// Calls `deed`, whose exceptions end here: they are this machine's fault.
+template <class F>
+auto guarded(F deed) -> decltype(deed()) {
+    try {
+        return deed();
+    } catch (const std::bad_alloc&) {
+        return Error{ErrorCode::io, "out of memory"};
+    } catch (const std::exception& e) {
+        return Error{ErrorCode::io, std::string("unexpected: ") + e.what()};
+    }
+}
+
+struct Drawn {
+    std::vector<Blob> blobs;
+    RayCounts rays;
+};
+
+std::byte byte_of(std::uint32_t bits, unsigned index) {
+    return static_cast<std::byte>(bits >> (8 * index) & 0xff);
+}
+
+} // namespace
+
+std::vector<Blob> pixel_blobs(const Tile& tile) {
+    static_assert(sizeof(float) == 4 && std::numeric_limits<float>::is_iec559);
+    static_assert(protocol::chunk_bytes % sizeof(float) == 0);
+    constexpr std::size_t floats_per_blob = protocol::chunk_bytes / sizeof(float);
+    std::vector<Blob> blobs;
+    for (std::size_t first = 0; first < tile.rgb.size(); first += floats_per_blob) {
+        const std::size_t count = std::min(floats_per_blob, tile.rgb.size() - first);
+        Bytes bytes(count * sizeof(float));
+        for (std::size_t i = 0; i < count; ++i) {
+            const auto bits = std::bit_cast<std::uint32_t>(tile.rgb[first + i]);
+            for (unsigned b = 0; b < 4; ++b)
+                bytes[4 * i + b] = byte_of(bits, b);
+        }
+        blobs.push_back(make_blob(std::move(bytes)));
+    }
+    return blobs;
+}
+
+RenderPool::RenderPool(std::uint32_t threads, std::size_t queue_max, const net::Waker& done)
+    : queue_max_(queue_max), done_(done) {
+    threads_.reserve(threads);
+    for (std::uint32_t i = 0; i < threads; ++i)
+        threads_.emplace_back([this](const std::stop_token& stop) { run(stop); });
+}
+
+RenderPool::~RenderPool() {
+    for (std::jthread& thread : threads_)
+        thread.request_stop();
+    const std::lock_guard lock(mutex_);
+    queue_.clear();
+    for (const auto& [key, control] : running_)
+        control->stop = true;
+}
+
+// ------------------------------------------------------------------------------- the owner's side
+
+void RenderPool::perform(SessionIndex session, CompileScene action) {
+    const std::lock_guard lock(mutex_);
+    enqueue(Compiling{{session, action.scene}, std::move(action.chunks)});
+}
+
+void RenderPool::perform(SessionIndex session, const StartTile& action) {
+    const std::lock_guard lock(mutex_);
+    const auto scene = scenes_.find({session, action.scene});
+    FRAJA_ASSERT(scene != scenes_.end());
+    enqueue(Drawing{{session, action.ticket},
+                    scene->second,
+                    action.rect,
+                    action.settings,
+                    std::make_shared<RenderControl>()});
+}
+
+void RenderPool::perform(SessionIndex session, const StopTile& action) {
+    const std::lock_guard lock(mutex_);
+    const TileKey key{session, action.ticket};
+    std::erase_if(queue_, [&](const Deed& deed) {
+        const auto* drawing = std::get_if<Drawing>(&deed);
+        return drawing && drawing->key == key;
+    });
+    if (const auto at = running_.find(key); at != running_.end())
+        at->second->stop = true;
+}
+
+void RenderPool::perform(SessionIndex session, const ForgetScene& action) {
+    Compiled last; // freed after the lock: a large scene takes a while
+    const std::lock_guard lock(mutex_);
+    const auto at = scenes_.find({session, action.scene});
+    FRAJA_ASSERT(at != scenes_.end());
+    last = std::move(at->second);
+    scenes_.erase(at);
+}
+
+std::vector<PoolResult> RenderPool::take_results() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(results_, {});
+}
+
+std::vector<TileProgress> RenderPool::progress(SessionIndex session) const {
+    const std::lock_guard lock(mutex_);
+    std::vector<TileProgress> progress;
+    for (const auto& [key, control] : running_)
+        if (key.first == session)
+            progress.push_back({key.second, control->rays.load(std::memory_order_relaxed)});
+    return progress;
+}
+
+void RenderPool::enqueue(Deed deed) {
+    FRAJA_ASSERT(queue_.size() < queue_max_);
+    queue_.push_back(std::move(deed));
+    deed_added_.notify_one();
+}
+
+// ------------------------------------------------------------------------------ the threads' side
+
+void RenderPool::run(const std::stop_token& stop) {
+    for (;;) {
+        std::unique_lock lock(mutex_);
+        if (!deed_added_.wait(lock, stop, [&] { return !queue_.empty(); }))
+            return;
+        Deed deed = std::move(queue_.front());
+        queue_.pop_front();
+        if (const auto* drawing = std::get_if<Drawing>(&deed))
+            running_.emplace(drawing->key, drawing->control);
+        lock.unlock();
+        std::visit([&](auto& d) { carry_out(std::move(d)); }, deed);
+    }
+}
+
+void RenderPool::carry_out(Compiling deed) {
+    auto compiled = guarded([&]() -> Result<Compiled> {
+        auto scene = read_scene(std::move(deed.chunks), deed.key.second);
+        if (!scene)
+            return scene.error();
+        return compile_scene(std::move(*scene), Kernel::reference);
+    });
+    const auto [session, hash] = deed.key;
+    const std::lock_guard lock(mutex_);
+    if (compiled) {
+        scenes_[deed.key] = std::move(*compiled);
+        finish({session, SceneCompiled{hash}});
+    } else {
+        finish({session, SceneFailed{hash, compiled.error()}});
+    }
+}
+
+void RenderPool::carry_out(Drawing deed) {
+    const Instant begin = net::now();
+    auto drawn = guarded([&]() -> Result<Drawn> {
+        auto tile =
+            deed.scene->render_tile(render_settings(deed.settings), deed.rect, *deed.control);
+        if (!tile)
+            return tile.error();
+        return Drawn{pixel_blobs(tile->tile), tile->rays};
+    });
+    const Duration elapsed = net::now() - begin;
+    const auto [session, ticket] = deed.key;
+    const std::lock_guard lock(mutex_);
+    running_.erase(deed.key);
+    if (deed.control->stop)
+        return; // nobody waits for it
+    if (drawn)
+        finish({session,
+                TileFinished{ticket, rays_of(drawn->rays), elapsed, std::move(drawn->blobs)}});
+    else
+        finish({session, TileBroken{ticket, drawn.error()}});
+}
+
+void RenderPool::finish(PoolResult result) {
+    results_.push_back(std::move(result));
+    done_.wake();
+}
+
+} // namespace fraja::worker

@@ -1,0 +1,93 @@
+// RenderPool: the threads that compile scenes and draw tiles, and the queue where sessions meet
+// them.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/net/waker.hpp"
+#include "common/render/render.hpp"
+#include "worker/session.hpp"
+
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace fraja::worker {
+
+/// Which of a worker's sessions asks; their tickets and scenes are kept apart.
+enum class SessionIndex : std::uint32_t {};
+
+/// What render threads have done, as the event for the session that asked.
+struct PoolResult {
+    SessionIndex session{};
+    Event event; ///< SceneCompiled, SceneFailed, TileFinished or TileBroken
+};
+
+/// May be called from one thread; draws in others.
+class RenderPool {
+public:
+    /// `done` is woken whenever there are results to take; it must outlive this. At most
+    /// `queue_max` deeds may wait for a thread (asserted): the credit that was granted bounds them.
+    RenderPool(std::uint32_t threads, std::size_t queue_max, const net::Waker& done);
+    /// Stops what runs (a scene that is being compiled first comes to its end) and joins.
+    ~RenderPool();
+    RenderPool(const RenderPool&) = delete;
+    RenderPool& operator=(const RenderPool&) = delete;
+
+    void perform(SessionIndex session, CompileScene action);
+    void perform(SessionIndex session, const StartTile& action);
+    void perform(SessionIndex session, const StopTile& action);
+    void perform(SessionIndex session, const ForgetScene& action);
+
+    [[nodiscard]] std::vector<PoolResult> take_results();
+    /// Of the tiles that a thread is drawing now.
+    [[nodiscard]] std::vector<TileProgress> progress(SessionIndex session) const;
+
+private:
+    using TileKey = std::pair<SessionIndex, Ticket>;
+    using SceneKey = std::pair<SessionIndex, ContentHash>;
+    using Compiled = std::shared_ptr<const CompiledScene>;
+
+    struct Compiling {
+        SceneKey key;
+        std::vector<Blob> chunks;
+    };
+    struct Drawing {
+        TileKey key;
+        Compiled scene;
+        PixelRect rect;
+        protocol::PictureSettings settings;
+        std::shared_ptr<RenderControl> control;
+    };
+    using Deed = std::variant<Compiling, Drawing>;
+
+    void run(const std::stop_token& stop);
+    void carry_out(Compiling deed);
+    void carry_out(Drawing deed);
+    void enqueue(Deed deed); // both: the mutex is held
+    void finish(PoolResult result);
+
+    const std::size_t queue_max_;
+    const net::Waker& done_;
+
+    mutable std::mutex mutex_; // guards everything below but the threads
+    std::condition_variable_any deed_added_;
+    std::deque<Deed> queue_;
+    std::map<TileKey, std::shared_ptr<RenderControl>> running_;
+    std::map<SceneKey, Compiled> scenes_;
+    std::vector<PoolResult> results_;
+
+    std::vector<std::jthread> threads_; // last: joined before what they use is gone
+};
+
+/// Pixels as they travel: little-endian 32-bit floats, cut every protocol::chunk_bytes.
+[[nodiscard]] std::vector<Blob> pixel_blobs(const Tile& tile);
+
+} // namespace fraja::worker

@@ -1,0 +1,250 @@
+// Session: what a worker says to one broker and does for it. It decides and moves nothing: time,
+// messages and rendered tiles arrive as events, and what must be done leaves as actions.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/base/ids.hpp"
+#include "common/base/instant.hpp"
+#include "common/base/result.hpp"
+#include "common/base/rng.hpp"
+#include "common/protocol/messages.hpp"
+#include "worker/options.hpp"
+#include "worker/scene_shelf.hpp"
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace fraja::worker {
+
+/// Who greets the broker.
+struct Identity {
+    WorkerId worker;
+    std::string name;
+    std::uint32_t threads = 1;
+    std::vector<std::string> tags;
+};
+
+struct Limits {
+    /// Tiles that wait here for each thread, so that none idles for a round trip.
+    std::uint32_t prefetch_per_thread = 1;
+    /// Between two unanswered hellos: doubling from the first to the second, each time a random
+    /// part of up to a half less.
+    Duration hello_pause_min = std::chrono::seconds(1), hello_pause_max = std::chrono::seconds(5);
+    /// What a Welcome may ask for; beyond, it is taken as the nearest of these.
+    Duration heartbeat_min = std::chrono::milliseconds(1), heartbeat_max = std::chrono::hours(1);
+    std::uint32_t liveness_max = 1000;
+    /// A chunk that has not come after so many heartbeats is asked for again, so many times in all.
+    std::uint32_t chunk_patience_beats = 3, chunk_asks_max = 5;
+    /// How long a leaving worker that has nothing left waits for the broker to have heard all.
+    Duration farewell_max = std::chrono::seconds(1);
+    ShelfLimits shelf;
+};
+
+/// Tiles a worker of so many threads takes in flight.
+[[nodiscard]] std::uint32_t credit_for(std::uint32_t threads, const Limits& limits);
+
+/// Names a tile between a session and the render threads. Never used twice.
+enum class Ticket : std::uint64_t {};
+
+// ------------------------------------------------------------------------------------------ events
+
+struct Received {
+    protocol::Message message; ///< from the broker
+};
+/// From the broker came what decode() refused.
+struct Undecodable {
+    Error error;
+};
+struct SceneCompiled {
+    ContentHash scene;
+};
+/// invalid_scene, unresolved_overlap and limit_exceeded are the scene's fault: every worker would
+/// fail. Everything else is this machine's.
+struct SceneFailed {
+    ContentHash scene;
+    Error error;
+};
+struct TileFinished {
+    Ticket ticket{};
+    protocol::Rays rays;
+    Duration elapsed{};
+    std::vector<Blob> blobs; ///< as in protocol::TileRendered
+};
+/// Whose fault it is: as in SceneFailed.
+struct TileBroken {
+    Ticket ticket{};
+    Error error;
+};
+struct TileProgress {
+    Ticket ticket{};
+    std::uint64_t rays = 0; ///< traced so far
+};
+/// Time has passed, and so far are the running tiles. Nothing happens for time's sake alone but
+/// here: so every beat tells the newest progress, and what has arrived is heard before silence is
+/// judged.
+struct Tick {
+    std::vector<TileProgress> progress;
+};
+struct Drain {};   ///< take nothing more, finish what is here, leave
+struct StopNow {}; ///< hand back what is here, leave
+
+using Event = std::variant<Received, Undecodable, SceneCompiled, SceneFailed, TileFinished,
+                           TileBroken, Tick, Drain, StopNow>;
+
+// ----------------------------------------------------------------------------------------- actions
+
+/// A WorkerHello opens a new session: what was to be sent before it and has not left is void.
+struct Send {
+    protocol::Message message;
+};
+/// Check that the chunks, one after the other, have this hash, and make them ready for rendering.
+/// Answered by SceneCompiled or SceneFailed.
+struct CompileScene {
+    ContentHash scene;
+    std::vector<Blob> chunks;
+};
+/// Answered by TileFinished or TileBroken, unless stopped. The scene is compiled.
+struct StartTile {
+    Ticket ticket{};
+    ContentHash scene;
+    PixelRect rect;
+    protocol::PictureSettings settings;
+};
+/// An answer is not wanted any more.
+struct StopTile {
+    Ticket ticket{};
+};
+/// No tile will be started with this scene until it is compiled again.
+struct ForgetScene {
+    ContentHash scene;
+};
+struct Log {
+    LogLevel level{};
+    std::string text;
+};
+enum class FinishReason : std::uint8_t {
+    drained,
+    stopped,          ///< tiles were handed back
+    version_mismatch, ///< the broker speaks another protocol version
+};
+/// The last action ever: the session is over.
+struct Finished {
+    FinishReason reason{};
+};
+
+using Action = std::variant<Send, CompileScene, StartTile, StopTile, ForgetScene, Log, Finished>;
+
+// ----------------------------------------------------------------------------------------- session
+
+class Session {
+public:
+    Session(Identity identity, const Limits& limits);
+
+    /// Takes in one event and appends what must now be done. Same history, same actions.
+    void step(Instant now, const Event& event, std::vector<Action>& actions);
+    /// When a Tick is due; it may be at once. The zero instant before the first step.
+    [[nodiscard]] Instant next_deadline() const;
+
+private:
+    /// greeting: no session, a hello is or will be under way. open. draining: open, but takes
+    /// nothing more, and ends when nothing is left. over: finished.
+    enum class State : std::uint8_t { greeting, open, draining, over };
+
+    struct Tile {
+        protocol::RenderTile order;
+        std::uint64_t rays = 0;
+        bool started = false;
+    };
+    using Tiles = std::map<Ticket, Tile>; // in order of arrival
+
+    /// One step: its time and where its actions go.
+    struct Turn {
+        Instant now;
+        std::vector<Action>& actions;
+        void send(protocol::Message message) { actions.emplace_back(Send{std::move(message)}); }
+        void log(LogLevel level, std::string text) {
+            actions.emplace_back(Log{level, std::move(text)});
+        }
+    };
+
+    void on(Turn& turn, const Received& event);
+    void on(Turn& turn, const Undecodable& event);
+    void on(Turn& turn, const SceneCompiled& event);
+    void on(Turn& turn, const SceneFailed& event);
+    void on(Turn& turn, const TileFinished& event);
+    void on(Turn& turn, const TileBroken& event);
+    void on(Turn& turn, const Tick& event);
+    void on(Turn& turn, const Drain& event);
+    void on(Turn& turn, const StopNow& event);
+
+    void on_message(Turn& turn, const protocol::Welcome& message);
+    void on_message(Turn& turn, const protocol::Refused& message);
+    void on_message(Turn& turn, const protocol::Beat& message);
+    void on_message(Turn& turn, const protocol::Chunk& message);
+    void on_message(Turn& turn, const protocol::RenderTile& message);
+    void on_message(Turn& turn, const protocol::CancelTile& message);
+    template <class M>
+    void on_message(Turn& turn, const M& message); // anything else
+
+    void keep_time(Turn& turn);
+    void hello(Turn& turn);
+    void beat(Turn& turn);
+    void begin_greeting(Turn& turn);
+    void begin_draining(Turn& turn, FinishReason reason);
+    void leave_when_done(Turn& turn);
+    void finish(Turn& turn, FinishReason reason);
+
+    void ask_chunk(Turn& turn, const ContentHash& hash, SceneOnShelf& scene);
+    void ask_overdue_chunks(Turn& turn);
+    void tidy_shelf(Turn& turn);
+
+    [[nodiscard]] Tiles::iterator find_tile(JobId job, TileIndex tile, AttemptNumber attempt);
+    void start_tile(Turn& turn, Ticket ticket, Tile& tile);
+    Tiles::iterator forget_tile(Turn& turn, Tiles::iterator at);
+    void drop_tiles(Turn& turn);
+    void fail_tile(Turn& turn, Tiles::iterator at, protocol::FailureCode code,
+                   const std::string& reason);
+    void fail_tiles_of(Turn& turn, const ContentHash& scene, protocol::FailureCode code,
+                       const std::string& reason);
+    void count_oddity(Turn& turn, const std::string& what);
+
+    [[nodiscard]] std::uint32_t credit() const { return credit_for(identity_.threads, limits_); }
+    [[nodiscard]] bool is_connected() const {
+        return state_ == State::open || state_ == State::draining;
+    }
+    [[nodiscard]] Instant silence_deadline() const { return heard_ + heartbeat_ * liveness_; }
+    [[nodiscard]] Instant chunk_deadline(const SceneOnShelf& scene) const {
+        return scene.asked + heartbeat_ * limits_.chunk_patience_beats;
+    }
+
+    Identity identity_;
+    Limits limits_;
+    Rng rng_;
+    State state_ = State::greeting;
+
+    std::uint64_t incarnation_ = 0; // of the last hello
+    Duration hello_pause_;
+    Instant last_hello_{}, next_hello_{};
+    bool absence_said_ = false; // one line for each change between connected and not
+
+    Duration heartbeat_{};
+    std::uint32_t liveness_ = 1;
+    Instant heard_{}, next_beat_{};
+    std::uint64_t unanswered_beats_ = 0;
+
+    FinishReason leave_reason_ = FinishReason::drained; // while draining
+    Instant leave_by_ = Instant::never();               // draining, with no tile left
+
+    std::uint64_t tickets_ = 0;
+    Tiles tiles_;
+    SceneShelf shelf_;
+
+    std::uint64_t rays_done_ = 0; // for the speed told in the next hello
+    Duration render_time_{};
+    std::uint64_t oddities_ = 0;
+};
+
+} // namespace fraja::worker
