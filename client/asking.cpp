@@ -1,0 +1,83 @@
+#include "client/asking.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration ask_repeat = 2s; // unanswered
+
+} // namespace
+
+Asking::Asking(JobQuestion question, SessionOptions session)
+    : question_(std::move(question)), session_(std::move(session)) {}
+
+void Asking::start(Instant now, std::vector<Action>& actions) {
+    session_.start(now, actions);
+}
+
+void Asking::step(Instant now, const Event& event, std::vector<Action>& actions) {
+    using enum protocol::RefusalCode;
+    if (finished_)
+        return;
+    switch (session_.step(now, event, actions)) {
+    case Session::Change::refused:
+    case Session::Change::gave_up:
+        return finish(session_.failure(), actions);
+    case Session::Change::opened:
+        return ask(now, actions);
+    case Session::Change::none:
+        break;
+    }
+    if (!session_.is_open())
+        return;
+    if (const auto* from = std::get_if<FromBroker>(&event)) {
+        if (const auto* state = std::get_if<protocol::JobState>(&from->message))
+            take(now, *state, actions);
+        else if (const auto* refused = std::get_if<protocol::Refused>(&from->message))
+            finish({refused->code == no_such_job ? ExitCode::no_such_job : ExitCode::usage,
+                    refused->reason},
+                   actions);
+    } else if (std::holds_alternative<Tick>(event) && now >= ask_due_) {
+        ask(now, actions);
+    }
+}
+
+Instant Asking::next_deadline() const {
+    if (finished_)
+        return Instant::never();
+    return std::min(session_.next_deadline(), session_.is_open() ? ask_due_ : Instant::never());
+}
+
+void Asking::ask(Instant now, std::vector<Action>& actions) {
+    ask_due_ = now + ask_repeat;
+    if (found_)
+        actions.push_back(Send{protocol::CancelJob{job_}});
+    else
+        actions.push_back(Send{protocol::FindJob{question_.job}});
+}
+
+void Asking::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
+    if (found_ && state.job != job_)
+        return;
+    const bool settled = !question_.cancel || is_over(state.phase);
+    if (settled) {
+        actions.push_back(News(StateChanged{state}));
+        return finish({}, actions);
+    }
+    if (!found_) {
+        found_ = true;
+        job_ = state.job;
+        ask(now, actions);
+    }
+}
+
+void Asking::finish(Outcome outcome, std::vector<Action>& actions) {
+    finished_ = true;
+    actions.push_back(News(Finished{std::move(outcome)}));
+}
+
+} // namespace fraja::client

@@ -1,0 +1,185 @@
+#include "client/ctl.hpp"
+
+#include "client/asking.hpp"
+#include "client/json.hpp"
+#include "client/picture.hpp"
+#include "client/shell.hpp"
+#include "client/table.hpp"
+#include "client/watching.hpp"
+#include "common/base/text.hpp"
+
+#include <fmt/core.h>
+#include <iostream>
+#include <string>
+#include <unistd.h>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+/// The first state of the farm is all we want.
+class FarmCatcher final : public Listener {
+public:
+    void hear(Instant, const News& news) override {
+        if (const auto* changed = std::get_if<FarmChanged>(&news); changed && !farm)
+            farm = changed->farm;
+    }
+    std::optional<Outcome> wants_to_leave() override {
+        return farm ? std::optional(Outcome{}) : std::nullopt;
+    }
+    std::optional<protocol::FarmState> farm;
+};
+
+class JobCatcher final : public Listener {
+public:
+    void hear(Instant, const News& news) override {
+        if (const auto* changed = std::get_if<StateChanged>(&news))
+            job = changed->state;
+    }
+    std::optional<protocol::JobState> job;
+};
+
+class PictureCatcher final : public Listener {
+public:
+    void hear(Instant, const News& news) override {
+        if (const auto* accepted = std::get_if<Accepted>(&news))
+            job = accepted->state, picture.emplace(accepted->state.settings);
+        else if (const auto* changed = std::get_if<StateChanged>(&news))
+            job = changed->state;
+        else if (const auto* tile = std::get_if<TileArrived>(&news))
+            picture->place(tile->tile);
+    }
+    std::optional<protocol::JobState> job;
+    std::optional<Picture> picture;
+};
+
+class CtlProgram {
+public:
+    CtlProgram(const CtlOptions& options, const net::SignalWatch* signals)
+        : options_(options), signals_(signals), console_(options.shared.console) {}
+
+    int run() {
+        const Outcome outcome =
+            std::visit([this](const auto& command) { return perform(command); }, options_.command);
+        if (outcome.code != ExitCode::done && !outcome.reason.empty())
+            console_.error(outcome.reason);
+        return static_cast<int>(console_.checked(outcome.code));
+    }
+
+private:
+    Outcome perform(const ListJobs&) {
+        FarmCatcher catcher;
+        const Outcome outcome = catch_farm(catcher);
+        if (outcome.code == ExitCode::done && options_.shared.json)
+            for (const auto& job : catcher.farm->jobs)
+                fmt::print("{}\n", job_json(job));
+        else if (outcome.code == ExitCode::done)
+            fmt::print("{}", jobs_table(catcher.farm->jobs));
+        return outcome;
+    }
+
+    Outcome perform(const ListWorkers&) {
+        FarmCatcher catcher;
+        const Outcome outcome = catch_farm(catcher);
+        if (outcome.code == ExitCode::done && options_.shared.json)
+            for (const auto& worker : catcher.farm->workers)
+                fmt::print("{}\n", worker_json(worker));
+        else if (outcome.code == ExitCode::done)
+            fmt::print("{}", workers_table(catcher.farm->workers));
+        return outcome;
+    }
+
+    Outcome perform(const ShowJob& command) {
+        JobCatcher catcher;
+        const Outcome outcome = ask({command.job, false}, catcher);
+        if (outcome.code == ExitCode::done)
+            fmt::print("{}", options_.shared.json ? job_json(*catcher.job) + "\n"
+                                                  : job_page(*catcher.job));
+        return outcome;
+    }
+
+    Outcome perform(const CancelJob& command) {
+        JobCatcher catcher;
+        if (const Outcome found = ask({command.job, false}, catcher); found.code != ExitCode::done)
+            return found;
+        const std::string name = fmt::format("{} #{}", catcher.job->job_name, catcher.job->number);
+        if (!is_over(catcher.job->phase)) {
+            if (!command.yes && !confirmed("cancel " + printable(name)))
+                return {ExitCode::usage, {}}; // confirmed() has said why
+            // By its id: a name may mean another job by now.
+            const JobQuestion question{fraja::to_string(catcher.job->job), true};
+            if (const Outcome outcome = ask(question, catcher); outcome.code != ExitCode::done)
+                return outcome;
+        }
+        if (options_.shared.json)
+            fmt::print("{}\n", job_json(*catcher.job));
+        console_.info(fmt::format("{} is {}", name, to_string(catcher.job->phase)));
+        return {};
+    }
+
+    Outcome perform(const GetPicture& command) {
+        if (const auto writable = check_writable(command.output); !writable)
+            return {ExitCode::usage, writable.error().message};
+        const net::Context context;
+        PictureCatcher catcher;
+        JobWatching watching(
+            {command.job, session_options(options_.shared), {.share = 1, .once = true}},
+            fresh_rng());
+        const Outcome outcome = converse(context, watching, catcher, signals_);
+        const bool has_picture = outcome.code == ExitCode::done ||
+                                 outcome.code == ExitCode::job_failed ||
+                                 outcome.code == ExitCode::cancelled;
+        if (!has_picture || !catcher.picture)
+            return outcome;
+        const protocol::JobState& job = *catcher.job;
+        if (const auto written =
+                catcher.picture->write(command.output, picture_attributes(job.scene, job.settings));
+            !written)
+            return {ExitCode::usage, written.error().message};
+        if (options_.shared.json)
+            fmt::print("{}\n", job_json(job));
+        if (job.phase != protocol::JobPhase::done)
+            console_.info(fmt::format("{} #{} is {}: {} holds {} of {} tiles", job.job_name,
+                                      job.number, to_string(job.phase), command.output,
+                                      job.done_count, job.tile_count));
+        return {};
+    }
+
+    Outcome catch_farm(FarmCatcher& catcher) {
+        const net::Context context;
+        FarmWatching watching(session_options(options_.shared));
+        return converse(context, watching, catcher, signals_);
+    }
+
+    Outcome ask(JobQuestion question, JobCatcher& catcher) {
+        const net::Context context;
+        Asking asking(std::move(question), session_options(options_.shared));
+        return converse(context, asking, catcher, signals_);
+    }
+
+    /// Asks on a terminal; elsewhere nobody answers.
+    bool confirmed(const std::string& deed) {
+        if (isatty(STDIN_FILENO) == 0 || !console_.is_terminal()) {
+            console_.error("off a terminal, say --yes to " + deed);
+            return false;
+        }
+        fmt::print(stderr, "{}? [y/N] ", deed);
+        std::string answer;
+        if (std::getline(std::cin, answer) && (answer == "y" || answer == "yes"))
+            return true;
+        console_.error("nothing was cancelled");
+        return false;
+    }
+
+    const CtlOptions& options_;
+    const net::SignalWatch* signals_;
+    Console console_;
+};
+
+} // namespace
+
+int run_ctl(const CtlOptions& options, const net::SignalWatch* signals) {
+    return CtlProgram(options, signals).run();
+}
+
+} // namespace fraja::client

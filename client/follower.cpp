@@ -1,0 +1,260 @@
+#include "client/follower.hpp"
+
+#include "common/protocol/limits.hpp"
+#include "common/protocol/topics.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration barrier_max = 1s; // then another nonce is tried
+constexpr Duration repair_max = 2s;  // without a sign of an answer
+constexpr Duration silence_max = 2s;
+constexpr Duration fruitless_pause = 250ms; // after a repair that should have brought a tile
+
+constexpr Duration elapsed_max = 24h * 36'500; // more can hardly be true
+
+constexpr std::uint64_t pixel_bytes = 12;
+constexpr std::uint64_t repair_bytes = std::uint64_t{16} << 20; // in one answer, about
+constexpr std::uint64_t repair_tiles_max = 256;
+
+Nonce make_nonce(Rng& rng) {
+    Nonce nonce;
+    for (std::size_t i = 0; i < nonce.bytes.size(); i += 8) {
+        const std::uint64_t bits = rng.next();
+        for (std::size_t b = 0; b < 8; ++b)
+            nonce.bytes[i + b] = static_cast<std::uint8_t>(bits >> (8 * b));
+    }
+    return nonce;
+}
+
+/// Whether `next` was said after `last`. The session and the stream overtake each other.
+bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
+    if (next.epoch != last.epoch)
+        return next.epoch > last.epoch;
+    if (is_over(last.phase))
+        return false;
+    if (is_over(next.phase) || next.done_count != last.done_count)
+        return is_over(next.phase) || next.done_count > last.done_count;
+    return next.elapsed >= last.elapsed;
+}
+
+std::uint32_t tiles_per_repair(const protocol::JobState& state) {
+    const std::uint64_t pixels = state.settings.crop.pixel_count();
+    const std::uint64_t tile_bytes =
+        std::max<std::uint64_t>(1, pixels / std::max(state.tile_count, 1u)) * pixel_bytes;
+    return static_cast<std::uint32_t>(
+        std::clamp<std::uint64_t>(repair_bytes / tile_bytes, 1, repair_tiles_max));
+}
+
+} // namespace
+
+Follower::Follower(protocol::JobState state, Rng rng)
+    : state_(std::move(state)), rng_(rng), have_(state_.tile_count) {
+    FRAJA_ASSERT(is_sound(state_));
+}
+
+bool Follower::is_sound(const protocol::JobState& state) {
+    return state.tile_count <= protocol::tiles_per_job_max &&
+           state.done_count <= state.tile_count && protocol::validate(state.settings) &&
+           (state.phase != protocol::JobPhase::done || state.tile_count > 0) &&
+           state.elapsed >= Duration::zero() && state.elapsed <= elapsed_max;
+}
+
+void Follower::start(Instant now, std::vector<Action>& actions) {
+    barrier_pending_ = false;
+    repair_pending_ = false;
+    forgotten_ = false;
+    repair_wanted_ = repair_ends_ = barrier_ends_ = Instant::never();
+    look_whether_complete();
+    if (complete_)
+        return;
+    if (is_over(state_.phase)) { // nothing more will be published: all there is can be asked for
+        repair_wanted_ = now;
+        return ask_if_due(now, actions);
+    }
+    actions.push_back(Subscribe{protocol::job_topic(state_.job)});
+    raise_barrier(now, actions);
+}
+
+void Follower::step(Instant now, const Event& event, std::vector<Action>& actions) {
+    using namespace protocol;
+    if (complete_ || forgotten_)
+        return;
+    const auto* session = std::get_if<FromBroker>(&event);
+    const auto* stream = std::get_if<FromStream>(&event);
+    if (session || stream) {
+        const Message& message = session ? session->message : stream->message;
+        if (const auto* tile = std::get_if<TileDone>(&message)) {
+            if (session && repair_pending_)
+                repair_ends_ = now + repair_max;
+            take(now, *tile, actions);
+        } else if (const auto* state = std::get_if<JobState>(&message)) {
+            take(now, *state, stream != nullptr, actions);
+        } else if (const auto* done = std::get_if<RepairDone>(&message)) {
+            take(now, *done, actions);
+        } else if (const auto* barrier = std::get_if<Barrier>(&message)) {
+            take(now, *barrier, actions);
+        } else if (const auto* refused = std::get_if<Refused>(&message)) {
+            forgotten_ =
+                session && refused->code == RefusalCode::no_such_job && refused->job == state_.job;
+        }
+    } else if (std::holds_alternative<Tick>(event)) {
+        tick(now, actions);
+    }
+    look_whether_complete();
+    if (complete_ || forgotten_)
+        return;
+    ask_if_due(now, actions);
+    FRAJA_ASSERT(next_deadline() < Instant::never()); // whatever is lost, we ask again
+}
+
+Instant Follower::next_deadline() const {
+    if (complete_ || forgotten_)
+        return Instant::never();
+    return std::min({barrier_ends_, repair_pending_ ? repair_ends_ : repair_wanted_});
+}
+
+void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Action>& actions) {
+    if (!fits(tile)) {
+        ++counts_.rubbish;
+        return;
+    }
+    if (!repair_pending_ && !barrier_pending_)
+        repair_wanted_ = now + silence_max;
+    const auto index = static_cast<std::size_t>(tile.tile);
+    if (have_.test(index)) {
+        ++counts_.duplicates;
+        return;
+    }
+    have_.set(index);
+    ++have_count_;
+    repair_brought_any_ = true;
+    actions.push_back(News(TileArrived{tile}));
+}
+
+bool Follower::fits(const protocol::TileDone& tile) const {
+    if (tile.job != state_.job || static_cast<std::uint32_t>(tile.tile) >= state_.tile_count ||
+        tile.rect.empty() || !tile.rect.inside(state_.settings.crop))
+        return false;
+    std::uint64_t bytes = 0;
+    for (const Blob& blob : tile.blobs)
+        bytes += blob->size();
+    return bytes == pixel_bytes * tile.rect.pixel_count();
+}
+
+void Follower::take(Instant now, const protocol::JobState& state, bool digest,
+                    std::vector<Action>& actions) {
+    if (!adopt(state, actions))
+        return;
+    if (is_over(state_.phase))
+        lower_barrier(actions); // nothing more will be published
+    if (repair_pending_ || barrier_pending_)
+        return;
+    const bool dropped = digest && state.done_count > have_count_;
+    repair_wanted_ = dropped || is_over(state_.phase) ? now : now + silence_max;
+}
+
+void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<Action>& actions) {
+    if (!adopt(done.state, actions))
+        return;
+    if (is_over(state_.phase))
+        lower_barrier(actions);
+    if (!repair_pending_) { // the answer to a request that was given up or repeated
+        if (is_over(state_.phase))
+            repair_wanted_ = now;
+        return;
+    }
+    repair_pending_ = false;
+    repair_ends_ = Instant::never();
+    const bool all_told = done.remaining_count == 0;
+    caught_up_ = caught_up_ || all_told;
+    if (all_told && is_over(done.state.phase) && done.state.phase != protocol::JobPhase::done)
+        complete_ = true; // failed or cancelled: there is no more
+    else if (!is_over(done.state.phase) && is_over(state_.phase))
+        repair_wanted_ = now; // it was answered before the end
+    else if (!all_told || is_over(state_.phase))
+        repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;
+    else
+        repair_wanted_ = now + silence_max;
+}
+
+void Follower::take(Instant now, const protocol::Barrier& barrier, std::vector<Action>& actions) {
+    if (!barrier_pending_ || barrier.nonce != nonce_)
+        return;
+    lower_barrier(actions);
+    // A repair that was asked before cannot know what was published before the subscription stood.
+    repair_pending_ = false;
+    repair_wanted_ = now;
+}
+
+/// Whether the state is about this job and can be. Shows it when it is newer.
+bool Follower::adopt(const protocol::JobState& state, std::vector<Action>& actions) {
+    const bool same_tiles = state.tile_count == state_.tile_count ||
+                            state_.tile_count == 0; // not cut before the scene is there
+    if (state.job != state_.job || !is_sound(state) || state.settings != state_.settings ||
+        !same_tiles) {
+        ++counts_.rubbish;
+        return false;
+    }
+    if (!is_newer(state, state_))
+        return true;
+    if (state_.tile_count == 0)
+        have_ = protocol::Bitmap(state.tile_count);
+    state_ = state;
+    actions.push_back(News(StateChanged{state_}));
+    return true;
+}
+
+void Follower::tick(Instant now, std::vector<Action>& actions) {
+    if (barrier_pending_ && now >= barrier_ends_) {
+        ++counts_.barriers_lost;
+        lower_barrier(actions);
+        raise_barrier(now, actions);
+        if (!repair_pending_)
+            repair_wanted_ = now; // whoever cannot reach the stream gets its tiles all the same
+    }
+    if (repair_pending_ && now >= repair_ends_) {
+        repair_pending_ = false;
+        repair_wanted_ = now;
+    }
+}
+
+void Follower::raise_barrier(Instant now, std::vector<Action>& actions) {
+    nonce_ = make_nonce(rng_);
+    barrier_pending_ = true;
+    barrier_ends_ = now + barrier_max;
+    actions.push_back(Subscribe{protocol::barrier_topic(nonce_)});
+}
+
+void Follower::lower_barrier(std::vector<Action>& actions) {
+    if (barrier_pending_)
+        actions.push_back(Unsubscribe{protocol::barrier_topic(nonce_)});
+    barrier_pending_ = false;
+    barrier_ends_ = Instant::never();
+}
+
+void Follower::ask_if_due(Instant now, std::vector<Action>& actions) {
+    if (repair_pending_ || now < repair_wanted_)
+        return;
+    repair_pending_ = true;
+    repair_brought_any_ = false;
+    repair_ends_ = now + repair_max;
+    repair_wanted_ = Instant::never();
+    ++counts_.repairs;
+    actions.push_back(Send{protocol::Repair{state_.job, tiles_per_repair(state_), have_.bytes()}});
+}
+
+void Follower::look_whether_complete() {
+    if (!is_over(state_.phase))
+        return;
+    const bool done = state_.phase == protocol::JobPhase::done;
+    if (have_count_ >= (done ? state_.tile_count : state_.done_count))
+        complete_ = true;
+}
+
+} // namespace fraja::client

@@ -1,0 +1,164 @@
+#include "client/json.hpp"
+
+#include "client/picture.hpp"
+
+#include <ctime>
+#include <fmt/core.h>
+#include <nlohmann/json.hpp>
+
+namespace fraja::client {
+namespace {
+
+using Json = nlohmann::ordered_json; // in the order they are written here
+
+/// One line. What is no UTF-8 (names come from others) is replaced, not refused.
+std::string dumped(const Json& json) {
+    return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+Json rays_object(const protocol::Rays& rays) {
+    return {{"camera", rays.camera}, {"reflected", rays.reflected}, {"refracted", rays.refracted},
+            {"shadow", rays.shadow}, {"traced", rays.traced()},     {"total", rays.total()}};
+}
+
+Json settings_object(const protocol::PictureSettings& s) {
+    return {{"width", s.size.width},
+            {"height", s.size.height},
+            {"crop", {s.crop.x, s.crop.y, s.crop.width, s.crop.height}},
+            {"depth", s.depth},
+            {"aa", s.aa},
+            {"exact", s.exact},
+            {"kernel", to_string(s.kernel)}};
+}
+
+Json job_object(const protocol::JobState& s) {
+    Json json = {{"schema", "fraja.job/1"},
+                 {"job", fraja::to_string(s.job)},
+                 {"number", s.number},
+                 {"name", s.job_name},
+                 {"state", to_string(s.phase)}};
+    if (!s.reason.empty())
+        json["reason"] = s.reason;
+    json["scene"] = fraja::to_string(s.scene);
+    json["settings"] = settings_object(s.settings);
+    json["tile_count"] = s.tile_count;
+    json["done_count"] = s.done_count;
+    json["in_flight_count"] = s.in_flight_count;
+    json["worker_count"] = s.worker_count;
+    json["rays"] = rays_object(s.rays);
+    json["render_s"] = seconds(s.render_time);
+    json["elapsed_s"] = seconds(s.elapsed);
+    return json;
+}
+
+Json worker_object(const protocol::WorkerState& w) {
+    return {{"schema", "fraja.worker/1"}, {"worker", fraja::to_string(w.worker)},
+            {"name", w.worker_name},      {"threads", w.threads},
+            {"credit", w.credit},         {"in_flight_count", w.in_flight_count},
+            {"tiles_done", w.tiles_done}, {"rays", rays_object(w.rays)}};
+}
+
+} // namespace
+
+std::string tile_json(const protocol::TileDone& tile) {
+    return dumped({{"schema", "fraja.tile/1"},
+                   {"job", fraja::to_string(tile.job)},
+                   {"frame", tile.frame},
+                   {"x", tile.rect.x},
+                   {"y", tile.rect.y},
+                   {"w", tile.rect.width},
+                   {"h", tile.rect.height},
+                   {"worker", tile.worker_name},
+                   {"elapsed_s", seconds(tile.elapsed)},
+                   {"rays", tile.rays.total()}});
+}
+
+std::string job_json(const protocol::JobState& state) {
+    return dumped(job_object(state));
+}
+
+std::string worker_json(const protocol::WorkerState& state) {
+    return dumped(worker_object(state));
+}
+
+std::string farm_json(const protocol::FarmState& farm) {
+    Json jobs = Json::array(), workers = Json::array();
+    for (const auto& job : farm.jobs)
+        jobs.push_back(job_object(job));
+    for (const auto& worker : farm.workers)
+        workers.push_back(worker_object(worker));
+    return dumped({{"schema", "fraja.farm/1"}, {"jobs", jobs}, {"workers", workers}});
+}
+
+std::string progress_json(const ProgressView& v) {
+    Json json = {{"schema", "fraja.progress/1"},
+                 {"name", v.job_name},
+                 {"number", v.number},
+                 {"state", to_string(v.phase)},
+                 {"done_count", v.done_count},
+                 {"tile_count", v.tile_count},
+                 {"worker_count", v.worker_count},
+                 {"rays_per_s", v.rays_per_s},
+                 {"elapsed_s", seconds(v.elapsed)}};
+    if (v.remaining)
+        json["remaining_s"] = seconds(*v.remaining);
+    json["connected"] = v.connected;
+    return dumped(json);
+}
+
+std::string submit_json(const SubmissionReport& r) {
+    Json json = {{"schema", "fraja.submit/1"}, {"state", r.state}};
+    json["exit_code"] = static_cast<int>(r.outcome.code);
+    if (!r.outcome.reason.empty())
+        json["reason"] = r.outcome.reason;
+    json["name"] = r.job_name;
+    json["scene_file"] = r.scene_file;
+    json["scene"] = fraja::to_string(r.scene);
+    json["settings"] = settings_object(r.settings);
+    if (!r.output.empty())
+        json["output"] = r.output;
+    if (r.job.number != 0 || r.job.job != JobId{}) {
+        json["job"] = fraja::to_string(r.job.job);
+        json["number"] = r.job.number;
+        json["tile_count"] = r.job.tile_count;
+        json["done_count"] = r.job.done_count;
+        json["workers"] = r.workers;
+        json["rays"] = rays_object(r.job.rays);
+        json["render_s"] = seconds(r.job.render_time);
+        json["elapsed_s"] = seconds(r.job.elapsed);
+    }
+    json["wall_s"] = std::chrono::duration<double>(r.finished - r.started).count();
+    json["started"] = rfc3339(r.started);
+    json["finished"] = rfc3339(r.finished);
+    return dumped(json);
+}
+
+std::string_view to_string(protocol::JobPhase phase) {
+    switch (phase) {
+    case protocol::JobPhase::waiting_for_scene:
+        return "waiting_for_scene";
+    case protocol::JobPhase::queued:
+        return "queued";
+    case protocol::JobPhase::running:
+        return "running";
+    case protocol::JobPhase::done:
+        return "done";
+    case protocol::JobPhase::failed:
+        return "failed";
+    case protocol::JobPhase::cancelled:
+        return "cancelled";
+    }
+    return "unknown";
+}
+
+std::string rfc3339(std::chrono::system_clock::time_point time) {
+    const auto whole = std::chrono::floor<std::chrono::seconds>(time);
+    const auto ms = std::chrono::floor<std::chrono::milliseconds>(time - whole).count();
+    const std::time_t t = std::chrono::system_clock::to_time_t(whole);
+    std::tm utc{};
+    gmtime_r(&t, &utc);
+    return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", utc.tm_year + 1900,
+                       utc.tm_mon + 1, utc.tm_mday, utc.tm_hour, utc.tm_min, utc.tm_sec, ms);
+}
+
+} // namespace fraja::client

@@ -1,0 +1,44 @@
+// The JSON objects that programs print for other programs: one line each, schemas as in CLI.md.
+#pragma once
+
+#include "client/exit_code.hpp"
+#include "client/progress.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <chrono>
+#include <string>
+#include <string_view>
+
+namespace fraja::client {
+
+/// fraja.tile/1: a finished tile.
+[[nodiscard]] std::string tile_json(const protocol::TileDone& tile);
+/// fraja.job/1: a job as it is.
+[[nodiscard]] std::string job_json(const protocol::JobState& state);
+/// fraja.worker/1
+[[nodiscard]] std::string worker_json(const protocol::WorkerState& state);
+/// fraja.farm/1: all jobs and workers.
+[[nodiscard]] std::string farm_json(const protocol::FarmState& farm);
+/// fraja.progress/1
+[[nodiscard]] std::string progress_json(const ProgressView& view);
+
+/// What is known of a submission when it is over.
+struct SubmissionReport {
+    std::string state; ///< a phase, "accepted" of a detached job, "dry_run", "skipped"
+    Outcome outcome;
+    std::string job_name, scene_file;
+    protocol::JobState job; ///< zero where none was acknowledged
+    protocol::PictureSettings settings;
+    ContentHash scene;
+    std::string output;      ///< empty: none was written
+    std::size_t workers = 0; ///< that rendered at least one tile
+    std::chrono::system_clock::time_point started, finished;
+};
+/// fraja.submit/1
+[[nodiscard]] std::string submit_json(const SubmissionReport& report);
+
+[[nodiscard]] std::string_view to_string(protocol::JobPhase phase);
+/// "2025-11-22T21:41:16.123Z"
+[[nodiscard]] std::string rfc3339(std::chrono::system_clock::time_point time);
+
+} // namespace fraja::client

@@ -1,0 +1,33 @@
+// LocalFarm: a broker and a worker in this process, for --local. The only place where programs
+// include one another.
+#pragma once
+
+#include "common/base/result.hpp"
+#include "common/net/sockets.hpp"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace fraja::client {
+
+class LocalFarm {
+public:
+    /// Starts both, on inproc endpoints of `context`, which must outlive this. `threads` 0: every
+    /// CPU that this process may use. Signals should be blocked before.
+    [[nodiscard]] static Result<std::unique_ptr<LocalFarm>> start(const net::Context& context,
+                                                                  std::uint32_t threads);
+    /// Drops what is being rendered.
+    ~LocalFarm();
+    LocalFarm(const LocalFarm&) = delete;
+    LocalFarm& operator=(const LocalFarm&) = delete;
+
+    [[nodiscard]] const std::string& endpoint() const;
+
+private:
+    struct State;
+    explicit LocalFarm(std::unique_ptr<State> state);
+    std::unique_ptr<State> state_;
+};
+
+} // namespace fraja::client

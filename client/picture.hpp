@@ -1,0 +1,63 @@
+// Picture: a job's tiles on a film, and the file that is made of them.
+#pragma once
+
+#include "common/base/instant.hpp"
+#include "common/base/result.hpp"
+#include "common/image/film.hpp"
+#include "common/image_io/picture_file.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+class Picture {
+public:
+    /// `settings` must be valid. Allocates the film.
+    explicit Picture(const protocol::PictureSettings& settings);
+
+    /// The tile must have been checked against the job, as Follower does.
+    void place(const protocol::TileDone& tile);
+    [[nodiscard]] std::uint64_t pixels_placed() const { return pixels_placed_; }
+    [[nodiscard]] const Film& film() const { return film_; }
+
+    /// Writes what is there. Errors: as write_picture().
+    [[nodiscard]] Result<void> write(const std::filesystem::path& path,
+                                     const std::vector<PictureAttribute>& attributes) const;
+
+private:
+    Film film_;
+    std::uint64_t pixels_placed_ = 0;
+};
+
+/// What decides the pixels, and nothing else: two renders of one picture give the same file.
+[[nodiscard]] std::vector<PictureAttribute>
+picture_attributes(const ContentHash& scene, const protocol::PictureSettings& settings);
+
+[[nodiscard]] std::string to_string(protocol::KernelChoice kernel);
+
+/// A file that is kept as current as its writing allows: at most twice a second, and never more
+/// than a fifth of the time.
+class LivePicture {
+public:
+    /// Call when the job is known; again, when another is: it starts anew.
+    void begin(const protocol::JobState& job, std::filesystem::path path);
+    void place(const protocol::TileDone& tile);
+    /// Writes if that is due. Returns when it next is.
+    [[nodiscard]] Result<Instant> tick(Instant now);
+    /// Writes what is there, if anything is.
+    [[nodiscard]] Result<void> finish();
+
+private:
+    std::optional<Picture> picture_;
+    std::filesystem::path path_;
+    std::vector<PictureAttribute> attributes_;
+    bool changed_ = false;
+    Instant due_{};
+};
+
+} // namespace fraja::client

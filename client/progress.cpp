@@ -1,0 +1,87 @@
+#include "client/progress.hpp"
+
+#include "common/base/text.hpp"
+
+#include <array>
+#include <fmt/core.h>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration rate_window = 5s;
+constexpr Duration remaining_known_after = 1s;
+constexpr Duration plain_silence_max = 30s;
+
+} // namespace
+
+std::string format_rate(double rays_per_s) {
+    constexpr std::array<const char*, 5> prefixes = {"", "k", "M", "G", "T"};
+    std::size_t power = 0;
+    while (rays_per_s >= 999.5 && power + 1 < prefixes.size()) {
+        rays_per_s /= 1000;
+        ++power;
+    }
+    const int decimals = power == 0 || rays_per_s >= 99.95 ? 0 : rays_per_s >= 9.995 ? 1 : 2;
+    return fmt::format("{:.{}f} {}ray/s", rays_per_s, decimals, prefixes[power]);
+}
+
+std::string progress_line(const ProgressView& v) {
+    std::string line = fmt::format("{} #{}  {}%", v.job_name, v.number, v.percent());
+    if (!v.connected)
+        line += "  broker lost, looking for it";
+    else if (v.phase == protocol::JobPhase::waiting_for_scene)
+        line += "  waiting for its scene";
+    else if (v.worker_count == 0 && !is_over(v.phase))
+        line += "  waiting for workers";
+    else if (v.worker_count > 0)
+        line += fmt::format("  {} worker{}", v.worker_count, v.worker_count == 1 ? "" : "s");
+    if (v.rays_per_s > 0)
+        line += "  " + format_rate(v.rays_per_s);
+    line += "  " + format_duration(v.elapsed);
+    if (v.remaining)
+        line += " < " + format_duration(*v.remaining);
+    return line;
+}
+
+void ProgressMeter::update(const protocol::JobState& s) {
+    view_.job_name = s.job_name;
+    view_.number = s.number;
+    view_.phase = s.phase;
+    view_.done_count = s.done_count;
+    view_.tile_count = s.tile_count;
+    view_.worker_count = s.worker_count;
+    view_.elapsed = s.elapsed;
+
+    if (!samples_.empty() &&
+        (s.elapsed < samples_.back().elapsed || s.rays.total() < samples_.back().rays))
+        samples_.clear(); // another broker, or one without a memory
+    samples_.push_back({s.elapsed, s.rays.total()});
+    while (samples_.size() > 2 && samples_[1].elapsed <= s.elapsed - rate_window)
+        samples_.pop_front();
+    // At the end the whole run counts, not its last seconds.
+    const Sample first = is_over(s.phase) ? Sample{} : samples_.front();
+    const double span = seconds(s.elapsed - first.elapsed);
+    view_.rays_per_s =
+        span > 0.01 ? static_cast<double>(samples_.back().rays - first.rays) / span : 0;
+
+    view_.remaining.reset();
+    if (!is_over(s.phase) && s.done_count > 0 && s.elapsed >= remaining_known_after)
+        view_.remaining = Duration(static_cast<Duration::rep>(
+            static_cast<double>(s.elapsed.count()) * (1 - view_.share()) / view_.share()));
+}
+
+bool PlainPace::is_due(Instant now, unsigned percent) {
+    if (percent / 10 <= tens_ && now < next_deadline())
+        return false;
+    tens_ = percent / 10;
+    said_ = now;
+    return true;
+}
+
+Instant PlainPace::next_deadline() const {
+    return said_ + plain_silence_max;
+}
+
+} // namespace fraja::client

@@ -1,0 +1,72 @@
+// Progress: how far a job is, in one line; and when the next line is due.
+#pragma once
+
+#include "common/base/instant.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+
+namespace fraja::client {
+
+struct ProgressView {
+    std::string job_name;
+    std::uint32_t number = 0;
+    protocol::JobPhase phase{};
+    std::uint32_t done_count = 0, tile_count = 0;
+    std::uint32_t worker_count = 0;
+    double rays_per_s = 0; ///< 0: not known
+    Duration elapsed{};
+    std::optional<Duration> remaining;
+    bool connected = true;
+
+    [[nodiscard]] double share() const {
+        return tile_count == 0 ? 0 : static_cast<double>(done_count) / tile_count;
+    }
+    /// Rounded down, so that 100 is the end.
+    [[nodiscard]] unsigned percent() const {
+        return tile_count == 0
+                   ? 0
+                   : static_cast<unsigned>(std::uint64_t{100} * done_count / tile_count);
+    }
+};
+
+/// `cone #17  63%  12 workers  38.1 Mray/s  0:42 < 0:25`
+[[nodiscard]] std::string progress_line(const ProgressView& view);
+
+/// "38.1 Mray/s": three digits and a prefix.
+[[nodiscard]] std::string format_rate(double rays_per_s);
+
+/// Derives speed and remaining time from the states of one job. The broker's clock counts
+/// (JobState::elapsed), so a late reader sees the same.
+class ProgressMeter {
+public:
+    void update(const protocol::JobState& state);
+    void set_connected(bool connected) { view_.connected = connected; }
+    [[nodiscard]] const ProgressView& view() const { return view_; }
+
+private:
+    struct Sample {
+        Duration elapsed{};
+        std::uint64_t rays = 0;
+    };
+    ProgressView view_;
+    std::deque<Sample> samples_; ///< of the last seconds
+};
+
+/// Off a terminal: a line each time another 10 % are reached, and every 30 s.
+class PlainPace {
+public:
+    explicit PlainPace(Instant start) : said_(start) {}
+    /// Whether a line is due now; then it counts as said.
+    [[nodiscard]] bool is_due(Instant now, unsigned percent);
+    [[nodiscard]] Instant next_deadline() const;
+
+private:
+    Instant said_;
+    unsigned tens_ = 0;
+};
+
+} // namespace fraja::client

@@ -1,0 +1,54 @@
+#include "client/scene_file.hpp"
+
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/limits.hpp"
+#include "common/scene/raj_reader.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+
+namespace fraja::client {
+namespace {
+
+Result<Bytes> read_bytes(const std::filesystem::path& path, std::uint64_t bytes_max) {
+    std::error_code error;
+    if (std::filesystem::is_directory(path, error))
+        return Error{ErrorCode::io, path.string() + ": this is a directory"};
+    std::ifstream file(path, std::ios::binary);
+    if (!file)
+        return Error{ErrorCode::io, path.string() + ": " + std::strerror(errno)};
+    Bytes bytes;
+    std::vector<char> block(std::size_t{1} << 16); // not by size: it may be a pipe
+    while (file.read(block.data(), static_cast<std::streamsize>(block.size())) ||
+           file.gcount() > 0) {
+        const auto* begin = reinterpret_cast<const std::byte*>(block.data());
+        bytes.insert(bytes.end(), begin, begin + file.gcount());
+        if (bytes.size() > bytes_max)
+            return Error{ErrorCode::limit_exceeded, path.string() + ": a scene has at most " +
+                                                        std::to_string(bytes_max) + " bytes"};
+    }
+    if (file.bad())
+        return Error{ErrorCode::io, path.string() + ": cannot be read to its end"};
+    return bytes;
+}
+
+} // namespace
+
+Result<SceneFile> read_scene_file(const std::filesystem::path& path) {
+    const RajLimits limits;
+    auto bytes = read_bytes(path, std::min<std::uint64_t>(limits.bytes, protocol::scene_bytes_max));
+    if (!bytes)
+        return bytes.error();
+    SceneFile file;
+    file.text = make_blob(*std::move(bytes));
+    if (const auto scene = read_raj(as_text(*file.text), path.string(), limits, &file.warnings);
+        !scene)
+        return scene.error();
+    file.hash = protocol::content_hash(*file.text);
+    return file;
+}
+
+} // namespace fraja::client

@@ -1,0 +1,153 @@
+#include "client/session.hpp"
+
+#include "common/base/version.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration hello_repeat = 1s;        // unanswered
+constexpr Duration hello_pause_first = 10ms; // not even sent: the connection is being made
+constexpr Duration hello_pause_max = 500ms;
+constexpr Duration turn_max = 2s; // for one of several brokers
+
+} // namespace
+
+Session::Session(SessionOptions options) : options_(std::move(options)) {
+    FRAJA_ASSERT(!options_.brokers.empty());
+}
+
+void Session::start(Instant now, std::vector<Action>& actions) {
+    looking_since_ = now;
+    look_for_broker(now, actions);
+}
+
+Session::Change Session::step(Instant now, const Event& event, std::vector<Action>& actions) {
+    if (ended_)
+        return Change::none;
+    if (std::holds_alternative<NotSent>(event)) {
+        if (!open_) {
+            hello_due_ = now + hello_pause_;
+            hello_pause_ = std::min(2 * hello_pause_, hello_pause_max);
+        }
+        return Change::none;
+    }
+    if (const auto* bad = std::get_if<Undecodable>(&event)) {
+        if (bad->error.code == ErrorCode::version_mismatch)
+            return end(Change::refused, {ExitCode::refused, broker() + ": " + bad->error.message});
+        return Change::none;
+    }
+    if (const auto* from = std::get_if<FromBroker>(&event)) {
+        silent_at_ = open_ ? now + silence_max_ : Instant::never();
+        if (const auto* welcome = std::get_if<protocol::Welcome>(&from->message))
+            return take(now, *welcome, actions);
+        if (const auto* refused = std::get_if<protocol::Refused>(&from->message))
+            return take(now, *refused, actions);
+        return Change::none;
+    }
+    if (std::holds_alternative<Tick>(event))
+        return tick(now, actions);
+    return Change::none;
+}
+
+Instant Session::next_deadline() const {
+    if (ended_)
+        return Instant::never();
+    if (open_)
+        return std::min(beat_due_, silent_at_);
+    const Instant end = patient_ ? Instant::never() : looking_since_ + options_.connect_timeout;
+    return std::min({hello_due_, turn_ends_, end});
+}
+
+Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
+                              std::vector<Action>& actions) {
+    if (open_ && welcome.broker == welcome_.broker && welcome.epoch == welcome_.epoch)
+        return Change::none; // the answer to a hello that we repeated
+    const bool first = welcome_.liveness == 0;
+    welcome_ = welcome;
+    welcome_.liveness = std::clamp(welcome_.liveness, 1u, 1000u);
+    heartbeat_ = std::clamp<Duration>(welcome_.heartbeat, 10ms, 1min);
+    silence_max_ = heartbeat_ * welcome_.liveness;
+    open_ = true;
+    beat_due_ = now + heartbeat_;
+    silent_at_ = now + silence_max_;
+    if (first || known_lost_)
+        actions.push_back(News(ConnectionChanged{true, broker()}));
+    known_lost_ = false;
+    return Change::opened;
+}
+
+Session::Change Session::take(Instant now, const protocol::Refused& refused,
+                              std::vector<Action>& actions) {
+    if (refused.code == protocol::RefusalCode::version_mismatch)
+        return end(Change::refused, {ExitCode::refused, broker() + ": " + refused.reason});
+    if (refused.code == protocol::RefusalCode::unknown_peer && open_) {
+        open_ = false; // it restarted, or had lost us: same connection, new session
+        looking_since_ = now;
+        turn_ends_ = now + turn();
+        say_hello(now, actions);
+    }
+    return Change::none;
+}
+
+Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
+    if (open_ && now >= silent_at_) {
+        open_ = false;
+        known_lost_ = true;
+        looking_since_ = now;
+        actions.push_back(News(ConnectionChanged{false, broker()}));
+        broker_ = (broker_ + 1) % options_.brokers.size();
+        look_for_broker(now, actions);
+    } else if (open_) {
+        if (now >= beat_due_) {
+            actions.push_back(Send{protocol::Beat{}});
+            beat_due_ = now + heartbeat_;
+        }
+    } else if (!patient_ && now >= looking_since_ + options_.connect_timeout) {
+        std::string tried;
+        for (const std::string& name : options_.brokers)
+            tried += (tried.empty() ? "" : ", ") + name;
+        return end(Change::gave_up, {ExitCode::unreachable, "no broker answers at " + tried});
+    } else if (now >= turn_ends_) {
+        broker_ = (broker_ + 1) % options_.brokers.size();
+        look_for_broker(now, actions);
+    } else if (now >= hello_due_) {
+        say_hello(now, actions);
+    }
+    return Change::none;
+}
+
+void Session::look_for_broker(Instant now, std::vector<Action>& actions) {
+    actions.push_back(Connect{broker()});
+    hello_pause_ = hello_pause_first;
+    turn_ends_ = now + turn();
+    say_hello(now, actions);
+}
+
+void Session::say_hello(Instant now, std::vector<Action>& actions) {
+    actions.push_back(
+        Send{protocol::ClientHello{options_.client_name, std::string(fraja::version)}});
+    hello_due_ = now + hello_repeat;
+}
+
+/// How long one of several brokers is given. Alone it has all the time there is: ZeroMQ connects
+/// again by itself.
+Duration Session::turn() const {
+    const auto count = static_cast<Duration::rep>(options_.brokers.size());
+    if (count == 1)
+        return Duration::max() / 2;
+    return std::min<Duration>(turn_max, std::max<Duration>(options_.connect_timeout / count, 10ms));
+}
+
+Session::Change Session::end(Change change, Outcome outcome) {
+    ended_ = true;
+    open_ = false;
+    failure_ = std::move(outcome);
+    return change;
+}
+
+} // namespace fraja::client

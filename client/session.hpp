@@ -1,0 +1,70 @@
+// Session: the client's end of a session with one of several brokers. Says hello until it is
+// welcome, beats, notices silence, and finds back after a broker's restart.
+#pragma once
+
+#include "client/core.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+struct SessionOptions {
+    std::vector<std::string> brokers; ///< at least one; tried in turn
+    Duration connect_timeout = std::chrono::seconds(10);
+    std::string client_name;
+};
+
+class Session {
+public:
+    explicit Session(SessionOptions options);
+
+    void start(Instant now, std::vector<Action>& actions);
+
+    enum class Change {
+        none,
+        opened,  ///< welcome: whatever was asked on an earlier session must be asked again
+        refused, ///< over, see `failure()`
+        gave_up, ///< over, see `failure()`
+    };
+    /// Takes every event of the program, so that any traffic counts as life.
+    [[nodiscard]] Change step(Instant now, const Event& event, std::vector<Action>& actions);
+    [[nodiscard]] Instant next_deadline() const;
+
+    [[nodiscard]] bool is_open() const { return open_; }
+    [[nodiscard]] const protocol::Welcome& welcome() const { return welcome_; } ///< the last one
+    [[nodiscard]] const std::string& broker() const { return options_.brokers[broker_]; }
+    [[nodiscard]] Outcome failure() const { return failure_; }
+
+    /// Whether a lost broker is looked for without end: when there is a job that goes on meanwhile.
+    void set_patient(bool patient) { patient_ = patient; }
+
+private:
+    void look_for_broker(Instant now, std::vector<Action>& actions);
+    void say_hello(Instant now, std::vector<Action>& actions);
+    Change take(Instant now, const protocol::Welcome& welcome, std::vector<Action>& actions);
+    Change take(Instant now, const protocol::Refused& refused, std::vector<Action>& actions);
+    Change tick(Instant now, std::vector<Action>& actions);
+    Change end(Change change, Outcome outcome);
+    [[nodiscard]] Duration turn() const;
+
+    SessionOptions options_;
+    std::size_t broker_ = 0; ///< index of the one we speak to
+    bool open_ = false;
+    bool ended_ = false;
+    bool patient_ = false;
+    bool known_lost_ = false; ///< and said so
+    protocol::Welcome welcome_;
+    Outcome failure_;
+
+    Duration heartbeat_{}, silence_max_{};
+    Instant looking_since_{}; ///< while not open
+    Instant turn_ends_ = Instant::never();
+    Instant hello_due_ = Instant::never();
+    Duration hello_pause_{};
+    Instant beat_due_ = Instant::never();
+    Instant silent_at_ = Instant::never();
+};
+
+} // namespace fraja::client

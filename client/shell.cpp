@@ -1,0 +1,204 @@
+#include "client/shell.hpp"
+
+#include "common/net/clock.hpp"
+#include "common/net/endpoint.hpp"
+#include "common/protocol/codec.hpp"
+
+#include <algorithm>
+#include <csignal>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr int burst = 64;                // messages read from one socket before the other's turn
+constexpr Duration farewell_max = 200ms; // for a Goodbye to leave
+
+/// The two sockets, and what is done with them.
+class Port {
+public:
+    explicit Port(const net::Context& context) : context_(context) {}
+
+    void perform(const Connect& action) {
+        dealer_.reset();
+        stream_.reset();
+        reached_ = action.broker;
+        if (auto dealer = net::DealerSocket::connect(context_, action.broker))
+            dealer_ = std::move(*dealer);
+    }
+    void perform(const OpenStream& action) {
+        stream_.reset();
+        const auto endpoint = net::stream_endpoint(reached_, action.told);
+        if (!endpoint) // a stream that cannot be reached: the follower asks for every tile instead
+            return;
+        if (auto stream = net::SubscriberSocket::connect(context_, *endpoint))
+            stream_ = std::move(*stream);
+    }
+    void perform(const Subscribe& action) {
+        if (stream_)
+            stream_->subscribe(action.topic);
+    }
+    void perform(const Unsubscribe& action) {
+        if (stream_)
+            stream_->unsubscribe(action.topic);
+    }
+    void perform(const Send& action) {
+        if (!dealer_ || dealer_->send(protocol::encode(action.message)) != net::SendStatus::sent)
+            not_sent_ = true;
+    }
+    [[nodiscard]] bool take_not_sent() { return std::exchange(not_sent_, false); }
+
+    [[nodiscard]] std::optional<Event> receive_from_broker() {
+        const auto frames = dealer_ ? dealer_->receive() : std::nullopt;
+        if (!frames)
+            return std::nullopt;
+        auto message = protocol::decode(*frames);
+        if (!message)
+            return Undecodable{message.error()};
+        return FromBroker{*std::move(message)};
+    }
+    /// Rubbish on the stream is skipped: what it should have been is repaired.
+    [[nodiscard]] std::optional<Event> receive_from_stream() {
+        while (auto published = stream_ ? stream_->receive() : std::nullopt)
+            if (auto message = protocol::decode(published->frames))
+                return FromStream{*std::move(message)};
+        return std::nullopt;
+    }
+
+    void wait(const net::SignalWatch* signals, Duration timeout) const {
+        std::vector<net::Waitable> all;
+        if (dealer_)
+            all.emplace_back(*dealer_);
+        if (stream_)
+            all.emplace_back(*stream_);
+        if (signals)
+            all.emplace_back(signals->fd());
+        net::wait(all, timeout);
+    }
+
+    void take_leave() {
+        if (!dealer_)
+            return;
+        dealer_->set_linger(farewell_max);
+        (void)dealer_->send(protocol::encode(protocol::Goodbye{}));
+    }
+
+private:
+    const net::Context& context_;
+    std::string reached_;
+    std::optional<net::DealerSocket> dealer_;
+    std::optional<net::SubscriberSocket> stream_;
+    bool not_sent_ = false;
+};
+
+class Conversation {
+public:
+    Conversation(const net::Context& context, Core& core, Listener& listener)
+        : core_(core), listener_(listener), port_(context) {}
+
+    Outcome hold(const net::SignalWatch* signals) {
+        core_.start(net::now(), actions_);
+        perform_actions();
+        while (!outcome_) {
+            const bool drained = read();
+            if (drained && !outcome_)
+                step(Tick{});
+            if (outcome_)
+                break;
+            const Instant redraw = listener_.tick(net::now());
+            if (auto leaving = listener_.wants_to_leave()) {
+                outcome_ = std::move(leaving);
+                break;
+            }
+            if (const auto signal = signals ? signals->receive() : std::nullopt) {
+                outcome_ = *signal == SIGTERM ? Outcome{ExitCode::terminated, "terminated"}
+                                              : Outcome{ExitCode::interrupted, "interrupted"};
+                break;
+            }
+            if (drained)
+                port_.wait(signals, std::min(core_.next_deadline(), redraw) - net::now());
+        }
+        port_.take_leave();
+        return *outcome_;
+    }
+
+private:
+    /// Whether nothing is left to read.
+    bool read() {
+        bool drained = true;
+        for (int i = 0; i < burst && !outcome_; ++i) {
+            auto event = port_.receive_from_broker();
+            if (!event)
+                break;
+            drained = i + 1 < burst;
+            step(*event);
+        }
+        for (int i = 0; i < burst && !outcome_; ++i) {
+            auto event = port_.receive_from_stream();
+            if (!event)
+                break;
+            drained = drained && i + 1 < burst;
+            step(*event);
+        }
+        return drained;
+    }
+
+    void step(const Event& event) {
+        core_.step(net::now(), event, actions_);
+        perform_actions();
+    }
+
+    void perform_actions() {
+        // Indexed: NotSent may add actions.
+        for (std::size_t i = 0; i < actions_.size(); ++i) {
+            const Action next = std::move(actions_[i]);
+            std::visit([this](const auto& action) { perform(action); }, next);
+            if (port_.take_not_sent())
+                core_.step(net::now(), NotSent{}, actions_);
+        }
+        actions_.clear();
+    }
+
+    template <class A>
+    void perform(const A& action) {
+        port_.perform(action);
+    }
+    void perform(const News& news) {
+        if (const auto* finished = std::get_if<Finished>(&news))
+            outcome_ = finished->outcome;
+        listener_.hear(net::now(), news);
+    }
+
+    Core& core_;
+    Listener& listener_;
+    Port port_;
+    std::vector<Action> actions_;
+    std::optional<Outcome> outcome_;
+};
+
+} // namespace
+
+Outcome converse(const net::Context& context, Core& core, Listener& listener,
+                 const net::SignalWatch* signals) {
+    return Conversation(context, core, listener).hold(signals);
+}
+
+Outcome run_submission(const net::Context& context, SubmissionRequest request, Listener& listener,
+                       const net::SignalWatch* signals) {
+    Submission submission(std::move(request), fresh_rng());
+    return converse(context, submission, listener, signals);
+}
+
+Rng fresh_rng() {
+    const Nonce random = random_id<Nonce>();
+    std::uint64_t seed = 0;
+    for (const std::uint8_t byte : random.bytes) // both halves: 6 of the 128 bits are fixed
+        seed = (seed << 8 | seed >> 56) ^ byte;
+    return Rng(seed);
+}
+
+} // namespace fraja::client

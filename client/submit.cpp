@@ -1,0 +1,309 @@
+#include "client/submit.hpp"
+
+#include "client/json.hpp"
+#include "client/local/local_farm.hpp"
+#include "client/picture.hpp"
+#include "client/progress_report.hpp"
+#include "client/scene_file.hpp"
+#include "client/shell.hpp"
+#include "common/base/text.hpp"
+#include "common/net/clock.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fmt/core.h>
+#include <set>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+/// Keeps the picture, the progress and the sums while a submission runs.
+class SubmitListener final : public Listener {
+public:
+    SubmitListener(const SubmitOptions& options, Console& console)
+        : options_(options), console_(console),
+          progress_(console, ProgressReport::chosen(options.shared.progress, console), net::now()) {
+    }
+
+    void hear(Instant now, const News& news) override {
+        std::visit([&](const auto& n) { take(now, n); }, news);
+    }
+    Instant tick(Instant now) override { return progress_.tick(now); }
+    void finish(Instant now) { progress_.finish(now); }
+
+    [[nodiscard]] const std::optional<protocol::JobState>& job() const { return job_; }
+    [[nodiscard]] const std::optional<Picture>& picture() const { return picture_; }
+    [[nodiscard]] std::size_t worker_count() const { return workers_.size(); }
+    [[nodiscard]] const std::string& broker() const { return broker_; }
+
+private:
+    void take(Instant, const Accepted& news) {
+        if (job_)
+            console_.warning("the broker had lost the job: submitted again");
+        else if (!options_.local && !options_.detach)
+            console_.info(fmt::format("{} #{}: job {} at {}", news.state.job_name,
+                                      news.state.number, fraja::to_string(news.state.job),
+                                      broker_));
+        job_ = news.state;
+        if (!options_.detach && !picture_)
+            picture_.emplace(news.state.settings);
+        if (!options_.detach)
+            progress_.update(news.state);
+    }
+    void take(Instant, const TileArrived& news) {
+        picture_->place(news.tile);
+        workers_.insert(news.tile.worker_name);
+    }
+    void take(Instant, const StateChanged& news) {
+        job_ = news.state;
+        progress_.update(news.state);
+    }
+    void take(Instant, const ConnectionChanged& news) {
+        if (!news.connected)
+            console_.warning("lost the broker at " + news.broker + "; looking for it");
+        else if (!broker_.empty())
+            console_.info("found the broker at " + news.broker + " again");
+        broker_ = news.broker;
+        progress_.set_connected(news.connected);
+    }
+    void take(Instant, const FarmChanged&) {}
+    void take(Instant, const Finished&) {}
+
+    const SubmitOptions& options_;
+    Console& console_;
+    ProgressReport progress_;
+    std::optional<protocol::JobState> job_;
+    std::optional<Picture> picture_;
+    std::set<std::string> workers_;
+    std::string broker_;
+};
+
+class SubmitProgram {
+public:
+    SubmitProgram(const SubmitOptions& options, const net::SignalWatch* signals)
+        : options_(options), signals_(signals), console_(options.shared.console) {
+        report_.started = std::chrono::system_clock::now();
+        report_.job_name = options.job_name;
+        report_.scene_file = options.scene_file;
+        report_.settings = options.settings;
+    }
+
+    int run() {
+        std::error_code ignored;
+        if (options_.skip_existing && std::filesystem::exists(options_.output, ignored)) {
+            console_.info(options_.output + " exists: nothing to do");
+            return end("skipped", {});
+        }
+        if (auto reason = find_fault())
+            return end("not_submitted", {ExitCode::usage, *std::move(reason)});
+        if (options_.dry_run) {
+            if (!options_.shared.json)
+                print_plan();
+            return end("dry_run", {});
+        }
+        SubmitListener listener(options_, console_);
+        const Outcome outcome = render(listener);
+        listener.finish(net::now());
+        return conclude(listener, outcome);
+    }
+
+private:
+    /// Everything that can be found wrong before anything is submitted; what was found has been
+    /// said.
+    std::optional<std::string> find_fault() {
+        auto scene = read_scene_file(options_.scene_file);
+        if (!scene) {
+            // It opens with file, line and column: nothing before that.
+            console_.line(printable(scene.error().message));
+            return scene.error().message;
+        }
+        for (const std::string& warning : scene->warnings)
+            console_.located_warning(warning);
+        scene_ = *std::move(scene);
+        report_.scene = scene_.hash;
+        if (options_.detach)
+            return std::nullopt;
+        if (const auto writable = check_writable(
+                options_.output, {options_.settings.crop.width, options_.settings.crop.height});
+            !writable) {
+            console_.error(writable.error().message);
+            return writable.error().message;
+        }
+        return std::nullopt;
+    }
+
+    void print_plan() const {
+        const protocol::PictureSettings& s = options_.settings;
+        fmt::print("scene     {} ({} bytes, {})\n", options_.scene_file, scene_.text->size(),
+                   fraja::to_string(scene_.hash));
+        fmt::print("picture   {}x{}", s.size.width, s.size.height);
+        if (s.crop.pixel_count() != s.size.pixel_count())
+            fmt::print(", of it {},{},{},{}", s.crop.x, s.crop.y, s.crop.width, s.crop.height);
+        fmt::print("\nsettings  depth {}, aa {}, {}kernel {}\n", s.depth, s.aa,
+                   s.exact ? "exact, " : "", to_string(s.kernel));
+        if (!options_.output.empty())
+            fmt::print("output    {}\n", options_.output);
+        std::string brokers;
+        for (const std::string& broker : options_.shared.brokers)
+            brokers += (brokers.empty() ? "" : ", ") + broker;
+        fmt::print("broker    {}\n", options_.local ? "none: in this process" : brokers);
+    }
+
+    Outcome render(SubmitListener& listener) {
+        const net::Context context;
+        std::unique_ptr<LocalFarm> farm;
+        SubmissionRequest request{.job = {.job = random_id<JobId>(),
+                                          .job_name = options_.job_name,
+                                          .scene = scene_.hash,
+                                          .scene_bytes = scene_.text->size(),
+                                          .settings = options_.settings,
+                                          .tile_side = options_.tile_side,
+                                          .order = options_.order,
+                                          .priority = options_.priority},
+                                  .scene_text = scene_.text,
+                                  .session = session_options(options_.shared),
+                                  .detach = options_.detach,
+                                  .timeout = options_.timeout};
+        if (options_.local) {
+            auto started = LocalFarm::start(context, options_.local_threads);
+            if (!started)
+                return {ExitCode::usage, started.error().message};
+            farm = *std::move(started);
+            request.session.brokers = {farm->endpoint()};
+        }
+        return run_submission(context, std::move(request), listener, signals_);
+    }
+
+    int conclude(const SubmitListener& listener, Outcome outcome) {
+        if (listener.job())
+            report_.job = *listener.job();
+        report_.workers = listener.worker_count();
+        const bool left = outcome.code == ExitCode::interrupted ||
+                          outcome.code == ExitCode::terminated ||
+                          outcome.code == ExitCode::timed_out;
+        if (outcome.code == ExitCode::done && options_.detach)
+            return end_detached();
+        if (outcome.code == ExitCode::done)
+            outcome = write(listener);
+        else if (left && options_.local)
+            save_unfinished(listener);
+        else if (left)
+            explain_leaving(listener, outcome);
+        else
+            console_.error(outcome.reason);
+        if (options_.stats && !options_.shared.json && listener.job())
+            print_stats();
+        return end(listener.job() ? std::string(to_string(report_.job.phase)) : "not_submitted",
+                   outcome);
+    }
+
+    Outcome write(const SubmitListener& listener) {
+        const auto attributes = picture_attributes(scene_.hash, options_.settings);
+        if (const auto written = listener.picture()->write(options_.output, attributes); !written) {
+            const std::string cure =
+                options_.local ? ""
+                               : "; the job is done: fraja-ctl -b " + listener.broker() + " get " +
+                                     fraja::to_string(report_.job.job) + " -o FILE";
+            console_.error(written.error().message + cure);
+            return {ExitCode::job_failed, written.error().message};
+        }
+        report_.output = options_.output;
+        return {};
+    }
+
+    void save_unfinished(const SubmitListener& listener) {
+        const auto& picture = listener.picture();
+        if (!picture || picture->pixels_placed() == 0)
+            return console_.warning("stopped before there was anything to save");
+        const auto attributes = picture_attributes(scene_.hash, options_.settings);
+        const std::string output = unfinished_output();
+        if (const auto written = picture->write(output, attributes); !written)
+            return console_.error(written.error().message);
+        report_.output = output;
+        const double share = static_cast<double>(picture->pixels_placed()) /
+                             static_cast<double>(options_.settings.crop.pixel_count());
+        console_.warning(fmt::format("stopped: {} holds the {:.0f}% that were done", output,
+                                     std::floor(100 * share)));
+    }
+
+    /// A picture that was there before is not given up for an unfinished one.
+    [[nodiscard]] std::string unfinished_output() const {
+        std::error_code ignored;
+        if (!std::filesystem::exists(options_.output, ignored))
+            return options_.output;
+        std::filesystem::path beside = options_.output;
+        beside.replace_extension(".unfinished" + beside.extension().string());
+        return beside.string();
+    }
+
+    void explain_leaving(const SubmitListener& listener, const Outcome& outcome) {
+        const std::string why =
+            outcome.code == ExitCode::timed_out ? "the time is up" : outcome.reason;
+        if (!listener.job())
+            return console_.warning(why + ": no broker has acknowledged the job; if one took it "
+                                          "all the same, fraja-watch shows it");
+        const std::string id = fraja::to_string(report_.job.job);
+        console_.line(fmt::format("fraja-submit: {}; {} #{} goes on\n"
+                                  "  watch it:   fraja-watch -b {} {}\n"
+                                  "  cancel it:  fraja-ctl -b {} cancel --yes {}",
+                                  why, printable(report_.job.job_name), report_.job.number,
+                                  listener.broker(), id, listener.broker(), id));
+    }
+
+    int end_detached() {
+        if (!options_.shared.json)
+            fmt::print("{}\n", fraja::to_string(report_.job.job));
+        return end("accepted", {});
+    }
+
+    void print_stats() const {
+        const protocol::Rays& rays = report_.job.rays;
+        const double elapsed = seconds(report_.job.elapsed);
+        const double wall =
+            std::chrono::duration<double>(std::chrono::system_clock::now() - report_.started)
+                .count();
+        fmt::print("rays camera     {}\n"
+                   "rays reflected  {}\n"
+                   "rays refracted  {}\n"
+                   "rays traced     {}\n"
+                   "rays shadow     {}\n"
+                   "rays total      {}\n",
+                   rays.camera, rays.reflected, rays.refracted, rays.traced(), rays.shadow,
+                   rays.total());
+        fmt::print("time wall       {:.3f} s\n"
+                   "time job        {:.3f} s\n"
+                   "time render     {:.3f} s (summed over render threads)\n",
+                   wall, elapsed, seconds(report_.job.render_time));
+        if (elapsed > 0)
+            fmt::print("speed           {}\n",
+                       format_rate(static_cast<double>(rays.total()) / elapsed));
+        fmt::print("tiles           {}\n"
+                   "workers         {}\n",
+                   report_.job.done_count, report_.workers);
+    }
+
+    int end(std::string state, Outcome outcome) {
+        report_.state = std::move(state);
+        report_.outcome = std::move(outcome);
+        report_.finished = std::chrono::system_clock::now();
+        if (options_.shared.json)
+            fmt::print("{}\n", submit_json(report_));
+        return static_cast<int>(console_.checked(report_.outcome.code));
+    }
+
+    const SubmitOptions& options_;
+    const net::SignalWatch* signals_;
+    Console console_;
+    SceneFile scene_;
+    SubmissionReport report_;
+};
+
+} // namespace
+
+int run_submit(const SubmitOptions& options, const net::SignalWatch* signals) {
+    return SubmitProgram(options, signals).run();
+}
+
+} // namespace fraja::client

@@ -1,0 +1,208 @@
+#include "client/submit_options.hpp"
+
+#include "common/base/text.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+
+namespace fraja::client {
+namespace {
+
+constexpr const char* program = "fraja-submit";
+constexpr const char* examples = R"(Examples:
+  fraja-submit --local scenes/cone.raj -o cone.png     render here, without any daemon
+  fraja-submit scenes/cone.raj -r 1920x1080 -a 4       render on the farm to ./cone.png
+  job=$(fraja-submit --detach scenes/cone.raj)         submit and leave; then: fraja-watch $job
+
+Submits a scene, follows it, and writes the picture. Exit: 0 done, 1 the job failed, 2 usage or
+scene, 3 no broker, 4 refused, 5 cancelled, 124 --timeout ran out.
+)";
+
+constexpr std::uint32_t threads_max = 2048;
+
+/// What is typed, as it is typed.
+struct Arguments {
+    SharedArguments shared;
+    SubmitOptions options;
+    std::string size, crop, tile = "auto", order = "auto", kernel = "reference", timeout;
+    bool overwrite = false;
+};
+
+void add_picture_options(CLI::App& app, Arguments& a) {
+    app.add_option("-o,--output", a.options.output,
+                   "Picture file: .png .tif .jpg .bmp .ppm .tga, or .exr (linear, with metadata)")
+        ->default_str("scene name + .png")
+        ->type_name("FILE");
+    app.add_option("-r,--size", a.size, "Resolution")->default_str("256x192")->type_name("WxH");
+    app.add_option("--crop", a.crop, "Only this rectangle")->type_name("X,Y,W,H");
+    app.add_option("-d,--depth", a.options.settings.depth, "Recursion depth")
+        ->capture_default_str()
+        ->check(CLI::Range(0u, protocol::depth_max))
+        ->type_name("N");
+    app.add_option("-a,--aa", a.options.settings.aa,
+                   "N x N regular samples per pixel; 0: one at its centre")
+        ->capture_default_str()
+        ->check(CLI::Range(0u, protocol::aa_max))
+        ->type_name("N");
+    app.add_flag("-e,--exact", a.options.settings.exact, "No cut-off of faint rays");
+    app.add_option("--kernel", a.kernel, "Ray tracer; this release has the reference alone")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"reference", "fast"}))
+        ->type_name("KERNEL");
+}
+
+void add_job_options(CLI::App& app, Arguments& a) {
+    SubmitOptions& o = a.options;
+    app.add_option("--tile", a.tile, "Side of a tile in pixels, or auto")
+        ->capture_default_str()
+        ->type_name("N");
+    app.add_option(
+           "--order", a.order,
+           "In which order tiles appear: auto, scan, spiral or diadic; never changes pixels")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"auto", "scan", "spiral", "diadic"}))
+        ->type_name("ORDER");
+    app.add_option("-p,--priority", o.priority, "Higher goes first")
+        ->capture_default_str()
+        ->type_name("N");
+    app.add_option("-n,--name", o.job_name, "Name of the job")
+        ->default_str("scene name")
+        ->type_name("NAME");
+    app.add_flag("--local", o.local, "Render in this process: no daemon needed");
+    app.add_option("-j,--threads", o.local_threads, "Threads of --local")
+        ->default_str("every CPU")
+        ->check(CLI::Range(1u, threads_max))
+        ->type_name("N");
+}
+
+void add_conduct_options(CLI::App& app, Arguments& a) {
+    SubmitOptions& o = a.options;
+    app.add_flag("--detach", o.detach, "Print the job's id, alone on stdout, and leave");
+    app.add_flag("--wait", o.wait, "Wait without a progress line");
+    app.add_option("--timeout", a.timeout, "Leave after this time with exit 124; the job goes on")
+        ->type_name("T");
+    app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
+    app.add_flag("--stats", o.stats, "Print ray counts by kind and times");
+    app.add_flag("--overwrite", a.overwrite, "Replace an existing output when done (the default)");
+    app.add_flag("--skip-existing", o.skip_existing, "Nothing is rendered where the output exists");
+}
+
+/// The name of a scene file without folder and extension.
+std::string stem_of(const std::string& file) {
+    const std::string stem = std::filesystem::path(file).stem().string();
+    return stem.empty() ? "scene" : stem;
+}
+
+Result<void> read_picture(Arguments& a) {
+    protocol::PictureSettings& s = a.options.settings;
+    if (!a.size.empty()) {
+        const auto size = parse_extent(a.size);
+        if (!size)
+            return invalid_option("--size " + a.size + ": a picture's size is written as 640x480");
+        s.size = *size;
+    }
+    s.crop = {0, 0, s.size.width, s.size.height};
+    if (!a.crop.empty()) {
+        const auto crop = parse_rect(a.crop);
+        if (!crop)
+            return invalid_option("--crop " + a.crop + ": a rectangle is written as X,Y,W,H");
+        s.crop = *crop;
+    }
+    if (a.kernel == "fast")
+        return invalid_option(
+            "--kernel fast: this release has only the reference kernel; leave the "
+            "option out, or say --kernel reference");
+    const auto valid = protocol::validate(s);
+    return valid ? Result<void>() : invalid_option("--" + valid.error().message);
+}
+
+Result<void> read_tiles(Arguments& a) {
+    SubmitOptions& o = a.options;
+    using enum protocol::TileOrder;
+    o.order = a.order == "scan"     ? scan
+              : a.order == "spiral" ? spiral
+              : a.order == "diadic" ? diadic
+                                    : automatic;
+    if (a.tile == "auto")
+        return {};
+    const auto side = parse_count(a.tile);
+    if (!side || *side < 1 || *side > protocol::tile_side_max)
+        return invalid_option("--tile " + a.tile + ": auto, or 1 to " +
+                              std::to_string(protocol::tile_side_max) + " pixels");
+    o.tile_side = static_cast<std::uint32_t>(*side);
+    const auto along = [&](std::uint32_t pixels) { return (pixels + *side - 1) / *side; };
+    if (along(o.settings.crop.width) * along(o.settings.crop.height) > protocol::tiles_per_job_max)
+        return invalid_option("--tile " + a.tile + ": that makes more than " +
+                              std::to_string(protocol::tiles_per_job_max) + " tiles");
+    return {};
+}
+
+Result<void> read_conduct(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (!a.timeout.empty()) {
+        o.timeout = parse_duration(a.timeout);
+        if (!o.timeout)
+            return invalid_option("--timeout " + a.timeout +
+                                  ": a duration is written as 90, 90s, 5m or 1h30m");
+    }
+    if (o.detach && !o.output.empty())
+        return invalid_option("--detach leaves before there is a picture: without --output; use "
+                              "fraja-ctl get JOB -o FILE later");
+    if (o.detach && o.local)
+        return invalid_option("--detach needs a farm that goes on: not with --local");
+    if (o.detach && o.wait)
+        return invalid_option("--detach and --wait contradict each other");
+    if (o.detach && (o.stats || o.skip_existing))
+        return invalid_option("--detach leaves before the job is done: without --stats and "
+                              "--skip-existing");
+    if (o.local_threads != 0 && !o.local)
+        return invalid_option("--threads is for --local; on a farm, the workers have theirs");
+    if (a.overwrite && o.skip_existing)
+        return invalid_option("--overwrite and --skip-existing contradict each other");
+    return {};
+}
+
+Result<void> read_names(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (o.job_name.size() > protocol::name_bytes_max)
+        return invalid_option("--name: at most " + std::to_string(protocol::name_bytes_max) +
+                              " bytes");
+    if (o.job_name.empty())
+        o.job_name = stem_of(o.scene_file).substr(0, protocol::name_bytes_max);
+    o.job_name = printable(o.job_name);
+    if (o.output.find('%') != std::string::npos)
+        return invalid_option(
+            "--output " + o.output +
+            ": % is for the numbers of frames; this release draws single pictures");
+    if (o.output.empty() && !o.detach)
+        o.output = stem_of(o.scene_file) + ".png";
+    return {};
+}
+
+} // namespace
+
+Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
+    Arguments a;
+    CLI::App app(examples, program);
+    app.add_option("scene", a.options.scene_file, "Scene file")->required()->type_name("SCENE.raj");
+    add_picture_options(app, a);
+    add_job_options(app, a);
+    add_conduct_options(app, a);
+    a.shared.add_to(app, program);
+    if (auto early = parse(app, std::move(arguments)))
+        return *early;
+    for (const auto read : {read_picture, read_tiles, read_conduct, read_names})
+        if (const auto good = read(a); !good)
+            return usage_error(program, good.error().message);
+    auto shared = a.shared.read();
+    if (!shared)
+        return usage_error(program, shared.error().message);
+    a.options.shared = *std::move(shared);
+    if (a.options.wait)
+        a.options.shared.progress = ProgressMode::none;
+    return std::move(a.options);
+}
+
+} // namespace fraja::client

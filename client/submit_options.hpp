@@ -1,0 +1,33 @@
+// fraja-submit's command line.
+#pragma once
+
+#include "client/options.hpp"
+#include "common/protocol/settings.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+struct SubmitOptions {
+    SharedOptions shared;
+    std::string scene_file;
+    std::string output;
+    std::string job_name;
+    protocol::PictureSettings settings;
+    std::uint32_t tile_side = 0; ///< 0: the broker chooses
+    protocol::TileOrder order = protocol::TileOrder::automatic;
+    std::int32_t priority = 0;
+    bool local = false;
+    std::uint32_t local_threads = 0; ///< 0: every CPU this process may use
+    bool detach = false, wait = false, dry_run = false, stats = false;
+    bool skip_existing = false;
+    std::optional<Duration> timeout;
+};
+
+/// Everything that can be checked without looking at a file or a broker is checked.
+[[nodiscard]] Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments);
+
+} // namespace fraja::client

@@ -1,0 +1,133 @@
+#include "client/table.hpp"
+
+#include "client/json.hpp"
+#include "client/picture.hpp"
+#include "client/progress.hpp"
+#include "common/base/text.hpp"
+
+#include <algorithm>
+#include <array>
+#include <fmt/core.h>
+#include <vector>
+
+namespace fraja::client {
+namespace {
+
+using Row = std::vector<std::string>;
+
+/// Characters, as far as one code point is one column.
+std::size_t width_of(std::string_view text) {
+    return static_cast<std::size_t>(std::ranges::count_if(
+        text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+}
+
+/// Columns as wide as their widest cell; the ones marked '>' are set right.
+std::string table_of(const std::vector<Row>& rows, std::string_view alignment) {
+    std::vector<std::size_t> widths(alignment.size());
+    for (const Row& row : rows)
+        for (std::size_t c = 0; c < row.size(); ++c)
+            widths[c] = std::max(widths[c], width_of(row[c]));
+    std::string text;
+    for (const Row& row : rows) {
+        std::string line;
+        for (std::size_t c = 0; c < row.size(); ++c) {
+            const std::string gap(widths[c] - width_of(row[c]), ' ');
+            line += (c == 0 ? "" : "  ") + (alignment[c] == '>' ? gap + row[c] : row[c] + gap);
+        }
+        line.resize(line.find_last_not_of(' ') + 1);
+        text += line + "\n";
+    }
+    return text;
+}
+
+std::string cut(const std::string& text, std::size_t bytes_max) {
+    const std::string clean = printable(text);
+    if (clean.size() <= bytes_max)
+        return clean;
+    return std::string(clipped(clean, bytes_max)) + "...";
+}
+
+} // namespace
+
+std::string format_count(std::uint64_t count) {
+    constexpr std::array<const char*, 7> prefixes = {"", "k", "M", "G", "T", "P", "E"};
+    if (count < 1000)
+        return std::to_string(count);
+    auto value = static_cast<double>(count);
+    std::size_t power = 0;
+    while (value >= 999.5 && power + 1 < prefixes.size()) {
+        value /= 1000;
+        ++power;
+    }
+    return fmt::format("{:.{}f}{}", value,
+                       value >= 99.95   ? 0
+                       : value >= 9.995 ? 1
+                                        : 2,
+                       prefixes[power]);
+}
+
+std::string jobs_table(const std::vector<protocol::JobState>& jobs) {
+    if (jobs.empty())
+        return "no jobs\n";
+    auto sorted = jobs;
+    std::ranges::sort(sorted, std::ranges::greater{}, &protocol::JobState::number);
+    std::vector<Row> rows = {
+        {"JOB", "NAME", "STATE", "DONE", "TILES", "WORKERS", "RAYS", "TIME", "ID"}};
+    for (const auto& job : sorted) {
+        const unsigned percent =
+            job.tile_count == 0
+                ? 0
+                : static_cast<unsigned>(std::uint64_t{100} * job.done_count / job.tile_count);
+        rows.push_back({"#" + std::to_string(job.number), cut(job.job_name, 24),
+                        std::string(to_string(job.phase)), std::to_string(percent) + "%",
+                        std::to_string(job.tile_count), std::to_string(job.worker_count),
+                        format_count(job.rays.total()), format_duration(job.elapsed),
+                        fraja::to_string(job.job)});
+    }
+    return table_of(rows, "><<>>>>><");
+}
+
+std::string workers_table(const std::vector<protocol::WorkerState>& workers) {
+    if (workers.empty())
+        return "no workers\n";
+    auto sorted = workers;
+    std::ranges::stable_sort(sorted, {}, &protocol::WorkerState::worker_name);
+    std::vector<Row> rows = {{"WORKER", "THREADS", "CREDIT", "IN FLIGHT", "TILES", "RAYS", "ID"}};
+    for (const auto& worker : sorted)
+        rows.push_back({cut(worker.worker_name, 40), std::to_string(worker.threads),
+                        std::to_string(worker.credit), std::to_string(worker.in_flight_count),
+                        std::to_string(worker.tiles_done), format_count(worker.rays.total()),
+                        fraja::to_string(worker.worker)});
+    return table_of(rows, "<>>>>><");
+}
+
+std::string tile_line(const protocol::TileDone& tile) {
+    return fmt::format("{:>11}  {:<9}  {:<16}  {:>9.3f} s  {:>10} rays",
+                       fmt::format("{},{}", tile.rect.x, tile.rect.y),
+                       fmt::format("{}x{}", tile.rect.width, tile.rect.height),
+                       printable(tile.worker_name), seconds(tile.elapsed), tile.rays.total());
+}
+
+std::string job_page(const protocol::JobState& s) {
+    std::string text =
+        fmt::format("job       #{} {}\nid        {}\nstate     {}\n", s.number,
+                    printable(s.job_name), fraja::to_string(s.job), to_string(s.phase));
+    if (!s.reason.empty())
+        text += fmt::format("reason    {}\n", printable(s.reason));
+    const auto& p = s.settings;
+    text += fmt::format("scene     {}\npicture   {}x{}", fraja::to_string(s.scene), p.size.width,
+                        p.size.height);
+    if (p.crop.pixel_count() != p.size.pixel_count())
+        text += fmt::format(", of it {},{},{},{}", p.crop.x, p.crop.y, p.crop.width, p.crop.height);
+    text += fmt::format("\nsettings  depth {}, aa {}, {}kernel {}\n", p.depth, p.aa,
+                        p.exact ? "exact, " : "", to_string(p.kernel));
+    text += fmt::format("tiles     {} of {} done, {} in flight at {} worker(s)\n", s.done_count,
+                        s.tile_count, s.in_flight_count, s.worker_count);
+    text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",
+                        s.rays.total(), s.rays.camera, s.rays.reflected, s.rays.refracted,
+                        s.rays.shadow);
+    return text + fmt::format("time      {:.3f} s, of rendering {:.3f} s\n", seconds(s.elapsed),
+                              seconds(s.render_time));
+}
+
+} // namespace fraja::client

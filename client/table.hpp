@@ -1,0 +1,24 @@
+// The plain tables and lines that people read.
+#pragma once
+
+#include "common/protocol/messages.hpp"
+
+#include <string>
+
+namespace fraja::client {
+
+/// Of all jobs, the newest first; a line that says so when there are none.
+[[nodiscard]] std::string jobs_table(const std::vector<protocol::JobState>& jobs);
+/// Of all workers, by name; a line that says so when there are none.
+[[nodiscard]] std::string workers_table(const std::vector<protocol::WorkerState>& workers);
+
+/// `128,64  64x64  ada  0.123 s  4096 rays`, with columns that stay where they are.
+[[nodiscard]] std::string tile_line(const protocol::TileDone& tile);
+
+/// What there is to know of a job, a line each.
+[[nodiscard]] std::string job_page(const protocol::JobState& state);
+
+/// "12.3M": three digits and a prefix.
+[[nodiscard]] std::string format_count(std::uint64_t count);
+
+} // namespace fraja::client

@@ -1,0 +1,25 @@
+// fraja-watch's command line.
+#pragma once
+
+#include "client/options.hpp"
+#include "client/watching.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+struct WatchOptions {
+    SharedOptions shared;
+    std::optional<std::string> job; ///< none: the farm
+    std::string output;             ///< empty: no picture is kept
+    WatchUntil until;
+};
+
+[[nodiscard]] Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments);
+
+/// "done", "first", "50%".
+[[nodiscard]] std::optional<double> parse_until(std::string_view text);
+
+} // namespace fraja::client

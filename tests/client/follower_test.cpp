@@ -1,0 +1,364 @@
+#include "client/follower.hpp"
+
+#include "client/watching.hpp"
+#include "tests/client/fake_farm.hpp"
+#include "tests/support/seeds.hpp"
+
+#include <doctest/doctest.h>
+
+using namespace fraja;
+using namespace fraja::client;
+using namespace std::chrono_literals;
+
+namespace {
+
+WatchRequest watch_request() {
+    return {"cone", {{"tcp://127.0.0.1:50057"}, 60s, "test"}, {}};
+}
+
+FakeJob existing(std::uint32_t done_at_start = 0) {
+    FakeJob job;
+    job.exists_at_start = true;
+    job.done_at_start = done_at_start;
+    return job;
+}
+
+/// Every tile that is done came exactly once, with its own pixels.
+void check_delivered(const FakeFarm& farm, std::uint32_t count) {
+    CHECK(farm.pixels_right);
+    CHECK(farm.delivered.size() == count);
+    for (const auto& [tile, times] : farm.delivered) {
+        CAPTURE(tile);
+        CHECK(times == 1);
+    }
+}
+
+protocol::JobState job_of_four_tiles() {
+    protocol::JobState state;
+    state.job = JobId{{1}};
+    state.epoch = 1;
+    state.phase = protocol::JobPhase::running;
+    state.settings.size = {4, 1};
+    state.settings.crop = {0, 0, 4, 1};
+    state.tile_count = 4;
+    return state;
+}
+
+protocol::TileDone tile_of(const protocol::JobState& job, std::uint32_t tile) {
+    protocol::TileDone done;
+    done.job = job.job;
+    done.tile = TileIndex{tile};
+    done.rect = {tile, 0, 1, 1};
+    done.blobs = {make_blob(Bytes(12))};
+    return done;
+}
+
+/// The one action of that type, if there is exactly one: a look into `actions`.
+template <class A>
+const A* only(const std::vector<Action>& actions) {
+    const A* found = nullptr;
+    for (const Action& action : actions)
+        if (const auto* a = std::get_if<A>(&action)) {
+            if (found)
+                return nullptr;
+            found = a;
+        }
+    return found;
+}
+
+std::optional<protocol::Repair> repair_in(const std::vector<Action>& actions) {
+    const auto* send = only<Send>(actions);
+    const auto* repair = send ? std::get_if<protocol::Repair>(&send->message) : nullptr;
+    return repair ? std::optional(*repair) : std::nullopt;
+}
+
+Nonce nonce_in(const std::vector<Action>& actions) {
+    for (const Action& action : actions)
+        if (const auto* subscribe = std::get_if<Subscribe>(&action))
+            if (const auto nonce = protocol::topic_id<Nonce>('N', subscribe->topic))
+                return *nonce;
+    FAIL("no nonce was subscribed");
+    return {};
+}
+
+/// A follower past its barrier and its first, empty repair, at 0 s.
+struct Following {
+    protocol::JobState job = job_of_four_tiles();
+    Follower follower{job, Rng(1)};
+    std::vector<Action> actions;
+    Instant now{};
+
+    Following() {
+        follower.start(now, actions);
+        step(FromStream{protocol::Barrier{nonce_in(actions), 1}});
+        CHECK(repair_in(actions).has_value());
+        step(FromBroker{protocol::RepairDone{job, 0}});
+    }
+    void step(const Event& event) {
+        actions.clear();
+        follower.step(now, event, actions);
+    }
+};
+
+} // namespace
+
+TEST_CASE("a follower subscribes the job, then a nonce, and asks when the nonce is echoed") {
+    Follower follower(job_of_four_tiles(), Rng(1));
+    std::vector<Action> actions;
+    follower.start({}, actions);
+    REQUIRE(actions.size() == 2);
+    CHECK(std::get<Subscribe>(actions[0]).topic == protocol::job_topic(JobId{{1}}));
+    const Nonce nonce = nonce_in(actions);
+
+    actions.clear();
+    follower.step({}, FromStream{protocol::Barrier{Nonce{{9}}, 1}}, actions);
+    CHECK(actions.empty()); // somebody else's
+    follower.step({}, FromStream{protocol::Barrier{nonce, 1}}, actions);
+    REQUIRE(only<Unsubscribe>(actions));
+    CHECK(only<Unsubscribe>(actions)->topic == protocol::barrier_topic(nonce));
+    REQUIRE(repair_in(actions).has_value());
+    CHECK(repair_in(actions)->have == Bytes(1));
+}
+
+TEST_CASE("a barrier that is not echoed within a second is raised with another nonce") {
+    Follower follower(job_of_four_tiles(), Rng(1));
+    std::vector<Action> actions;
+    follower.start({}, actions);
+    const Nonce first = nonce_in(actions);
+    CHECK(follower.next_deadline() == Instant{} + 1s);
+
+    actions.clear();
+    follower.step(Instant{} + 1s, Tick{}, actions);
+    REQUIRE(only<Unsubscribe>(actions));
+    CHECK(only<Unsubscribe>(actions)->topic == protocol::barrier_topic(first));
+    CHECK(nonce_in(actions) != first);
+    CHECK(repair_in(actions).has_value()); // a watcher without a stream gets its tiles this way
+}
+
+TEST_CASE("a digest that counts more tiles than are here means that some were dropped") {
+    Following f;
+    f.step(FromStream{tile_of(f.job, 2)});
+    CHECK(only<News>(f.actions));
+    f.job.done_count = 1;
+    f.step(FromStream{f.job});
+    CHECK_FALSE(repair_in(f.actions).has_value());
+    f.job.done_count = 3;
+    f.step(FromStream{f.job});
+    REQUIRE(repair_in(f.actions).has_value());
+    CHECK(repair_in(f.actions)->have == Bytes{std::byte{0b0100}});
+}
+
+TEST_CASE("a state by the session is no digest: its tiles may still be on their way") {
+    Following f;
+    f.job.done_count = 3;
+    f.step(FromBroker{f.job});
+    CHECK_FALSE(repair_in(f.actions).has_value());
+}
+
+TEST_CASE("two seconds of silence are a reason to ask") {
+    Following f;
+    CHECK(f.follower.next_deadline() == Instant{} + 2s);
+    f.now = Instant{} + 1s;
+    f.step(FromStream{f.job});
+    CHECK(f.follower.next_deadline() == Instant{} + 3s);
+    f.now = Instant{} + 3s;
+    f.step(Tick{});
+    CHECK(repair_in(f.actions).has_value());
+    CHECK(f.follower.next_deadline() == Instant{} + 5s); // and to ask again
+    f.now = Instant{} + 5s;
+    f.step(Tick{});
+    CHECK(repair_in(f.actions).has_value());
+}
+
+TEST_CASE("what a repair left over is asked for at once; not in a circle when nothing comes") {
+    Following f;
+    f.job.done_count = 3;
+    f.step(FromStream{f.job});
+    f.step(FromBroker{tile_of(f.job, 0)});
+    f.step(FromBroker{protocol::RepairDone{f.job, 2}});
+    REQUIRE(repair_in(f.actions).has_value());
+    f.step(FromBroker{protocol::RepairDone{f.job, 2}}); // and not a tile came
+    CHECK_FALSE(repair_in(f.actions).has_value());
+    CHECK(f.follower.next_deadline() > f.now);
+    CHECK(f.follower.next_deadline() < f.now + 1s);
+}
+
+TEST_CASE("a tile is delivered once, and rubbish never") {
+    Following f;
+    const auto tile = tile_of(f.job, 1);
+    f.step(FromStream{tile});
+    CHECK(only<News>(f.actions));
+    for (const Event& again : {Event(FromStream{tile}), Event(FromBroker{tile})}) {
+        f.step(again);
+        CHECK_FALSE(only<News>(f.actions));
+    }
+    CHECK(f.follower.counts().duplicates == 2);
+
+    std::vector<protocol::TileDone> rubbish(8, tile_of(f.job, 0));
+    rubbish[0].tile = TileIndex{4};
+    rubbish[1].tile = TileIndex{UINT32_MAX};
+    rubbish[2].rect = {3, 0, 2, 1}; // beyond the right edge, with pixels to match
+    rubbish[2].blobs = {make_blob(Bytes(24))};
+    rubbish[3].rect = {0, 0, UINT32_MAX, UINT32_MAX};
+    rubbish[4].rect.height = 0;
+    rubbish[4].blobs = {};
+    rubbish[5].blobs = {make_blob(Bytes(12)), make_blob(Bytes(1))};
+    rubbish[6].blobs = {make_blob(Bytes(11))};
+    rubbish[7].job = JobId{{2}};
+    for (const auto& bad : rubbish) {
+        f.step(FromStream{bad});
+        CHECK(f.actions.empty());
+    }
+    CHECK(f.follower.counts().rubbish == rubbish.size());
+    CHECK(f.follower.have_count() == 1);
+    f.step(FromStream{tile_of(f.job, 0)}); // the true one is still welcome
+    CHECK(f.follower.have_count() == 2);
+}
+
+TEST_CASE("a state that contradicts the job is not believed") {
+    Following f;
+    std::vector<protocol::JobState> wrong(6, f.job);
+    for (protocol::JobState& state : wrong) {
+        state.epoch = 9; // newer than anything
+        state.phase = protocol::JobPhase::cancelled;
+    }
+    wrong[0].job = JobId{{2}};
+    wrong[1].tile_count = 5;
+    wrong[2].tile_count = 0;
+    wrong[3].settings.depth += 1;
+    wrong[4].done_count = 5;
+    wrong[5].tile_count = UINT32_MAX;
+    for (const auto& state : wrong) {
+        f.step(FromStream{state});
+        f.step(FromBroker{state});
+        f.step(FromBroker{protocol::RepairDone{state, 0}});
+        CHECK(f.actions.empty());
+    }
+    CHECK(f.follower.counts().rubbish == 3 * wrong.size());
+    CHECK(f.follower.state() == f.job);
+    CHECK_FALSE(f.follower.is_complete());
+}
+
+TEST_CASE("a job that is not cut yet is followed once it is") {
+    auto job = job_of_four_tiles();
+    job.phase = protocol::JobPhase::waiting_for_scene;
+    job.tile_count = 0;
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    follower.start({}, actions);
+    follower.step({}, FromStream{tile_of(job, 0)}, actions);
+    CHECK(follower.have_count() == 0);
+    job = job_of_four_tiles();
+    follower.step({}, FromStream{job}, actions);
+    follower.step({}, FromStream{tile_of(job, 3)}, actions);
+    CHECK(follower.have().test(3));
+}
+
+TEST_CASE("a finished job needs no barrier: all of it can be asked for") {
+    auto job = job_of_four_tiles();
+    job.phase = protocol::JobPhase::done;
+    job.done_count = 4;
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    follower.start({}, actions);
+    CHECK(actions.size() == 1);
+    CHECK(repair_in(actions).has_value());
+    for (std::uint32_t tile = 0; tile < 4; ++tile) {
+        CHECK_FALSE(follower.is_complete());
+        follower.step({}, FromBroker{tile_of(job, tile)}, actions);
+    }
+    CHECK(follower.is_complete());
+    CHECK(follower.next_deadline() == Instant::never());
+}
+
+TEST_CASE("a watcher that is there from the start sees every tile once without a fault") {
+    FakeFarm farm(existing(), {}, 1);
+    JobWatching watching(watch_request(), Rng(1));
+    CHECK(farm.run(watching, 60s));
+    CHECK(farm.outcome == Outcome{});
+    check_delivered(farm, farm.tile_count());
+    CHECK(farm.repairs == 1); // the one after the barrier
+}
+
+TEST_CASE("a watcher joins at any time, whatever the stream drops, and sees every tile once") {
+    for_each_seed(400, [](Rng& rng) {
+        Faults faults{.stream_drop = rng.unit() * 0.9,
+                      .stream_repeat = rng.unit() * 0.5,
+                      .session_drop = rng.below(3) == 0 ? rng.unit() * 0.4 : 0,
+                      .rubbish = rng.below(2) == 0 ? 0 : 0.3,
+                      .delay_max = std::chrono::milliseconds(1 + rng.below(300)),
+                      .stream_delay_max = std::chrono::milliseconds(1 + rng.below(800)),
+                      .heal_after = std::chrono::seconds(rng.below(8))};
+        for (std::uint64_t i = rng.below(3); i > 0; --i)
+            faults.forgets_sessions.push_back(std::chrono::milliseconds(rng.below(6000)));
+        for (std::uint64_t i = rng.below(3); i > 0; --i) {
+            const auto from = std::chrono::milliseconds(rng.below(6000));
+            faults.partitions.emplace_back(from, from + std::chrono::milliseconds(rng.below(5000)));
+        }
+        FakeJob job = existing(static_cast<std::uint32_t>(rng.below(81)));
+        job.repair_tiles_max = static_cast<std::uint32_t>(1 + rng.below(40));
+        FakeFarm farm(job, faults, rng.next());
+        JobWatching watching(watch_request(), Rng(rng.next()));
+        REQUIRE(farm.run(watching, 120s));
+        CHECK(farm.outcome == Outcome{});
+        check_delivered(farm, farm.tile_count());
+        REQUIRE(watching.follower());
+        for (std::uint32_t tile = 0; tile < farm.tile_count(); ++tile)
+            CHECK(watching.follower()->have().test(tile));
+    });
+}
+
+TEST_CASE("a job that ends badly ends the watcher as well, with every tile that was done") {
+    for_each_seed(200, [](Rng& rng) {
+        const bool failed = rng.below(2) == 0;
+        FakeJob job = existing();
+        job.ending = failed ? protocol::JobPhase::failed : protocol::JobPhase::cancelled;
+        job.ends_after = static_cast<std::uint32_t>(1 + rng.below(79));
+        Faults faults{.stream_drop = rng.unit() * 0.9,
+                      .rubbish = rng.below(2) == 0 ? 0 : 0.2,
+                      .stream_delay_max = std::chrono::milliseconds(1 + rng.below(500))};
+        FakeFarm farm(job, faults, rng.next());
+        JobWatching watching(watch_request(), Rng(rng.next()));
+        REQUIRE(farm.run(watching, 120s));
+        CHECK(farm.outcome->code == (failed ? ExitCode::job_failed : ExitCode::cancelled));
+        CHECK(farm.outcome->reason == "as planned");
+        check_delivered(farm, job.ends_after);
+    });
+}
+
+TEST_CASE("whoever cannot reach the stream gets every tile all the same") {
+    FakeFarm farm(existing(), {.no_stream = true}, 1);
+    JobWatching watching(watch_request(), Rng(1));
+    REQUIRE(farm.run(watching, 60s));
+    check_delivered(farm, farm.tile_count());
+}
+
+TEST_CASE("a watcher waits for a job that a restarted broker has yet to be told of again") {
+    Faults faults;
+    faults.forgets_all = {1s};
+    faults.submitted_again = {4s};
+    FakeFarm farm(existing(), faults, 1);
+    JobWatching watching(watch_request(), Rng(1));
+    REQUIRE(farm.run(watching, 60s));
+    CHECK(farm.outcome->code == ExitCode::done);
+    check_delivered(farm, farm.tile_count());
+}
+
+TEST_CASE("a job that is found but later forgotten ends the watcher with no_such_job") {
+    Faults faults;
+    faults.forgets_all = {1s};
+    FakeFarm farm(existing(), faults, 1);
+    JobWatching watching(watch_request(), Rng(1));
+    REQUIRE(farm.run(watching, 60s));
+    CHECK(farm.outcome->code == ExitCode::no_such_job);
+}
+
+TEST_CASE("states are shown in order, although session and stream overtake each other") {
+    for_each_seed(50, [](Rng& rng) {
+        FakeFarm farm(existing(), {.stream_drop = 0.3, .stream_delay_max = 700ms}, rng.next());
+        JobWatching watching(watch_request(), Rng(rng.next()));
+        REQUIRE(farm.run(watching, 60s));
+        CHECK(std::ranges::is_sorted(farm.states, {}, &protocol::JobState::done_count));
+        CHECK(farm.states.back().phase == protocol::JobPhase::done);
+    });
+}

@@ -1,0 +1,218 @@
+#include "client/ctl_options.hpp"
+#include "client/submit_options.hpp"
+#include "client/watch_options.hpp"
+#include "common/base/version.hpp"
+
+#include <cstdlib>
+#include <doctest/doctest.h>
+#include <sstream>
+
+using namespace fraja;
+using namespace fraja::client;
+using namespace std::chrono_literals;
+
+namespace {
+
+std::vector<std::string> words(const std::string& line) {
+    std::istringstream stream(line);
+    std::vector<std::string> result;
+    for (std::string word; stream >> word;)
+        result.push_back(word);
+    return result;
+}
+
+/// A variable of the environment, for the length of a test.
+class Variable {
+public:
+    Variable(const char* name, const char* value) : name_(name) { setenv(name, value, 1); }
+    ~Variable() { unsetenv(name_); }
+    Variable(const Variable&) = delete;
+    Variable& operator=(const Variable&) = delete;
+
+private:
+    const char* name_;
+};
+
+SubmitOptions submit(const std::string& line) {
+    auto parsed = parse_submit_options(words(line));
+    INFO(line);
+    if (const auto* early = std::get_if<EarlyExit>(&parsed))
+        FAIL(early->text);
+    return std::get<SubmitOptions>(parsed);
+}
+
+} // namespace
+
+TEST_CASE("fraja-submit's defaults are Raja's") {
+    const SubmitOptions o = submit("scenes/cone.raj");
+    CHECK(o.scene_file == "scenes/cone.raj");
+    CHECK(o.output == "cone.png");
+    CHECK(o.job_name == "cone");
+    CHECK(o.settings == protocol::PictureSettings{});
+    CHECK(o.tile_side == 0);
+    CHECK(o.shared.brokers == std::vector<std::string>{"tcp://127.0.0.1:50057"});
+    CHECK(o.shared.connect_timeout == 10s);
+    CHECK_FALSE(o.timeout.has_value());
+}
+
+TEST_CASE("fraja-submit reads every option") {
+    const SubmitOptions o =
+        submit("a.raj -o b.exr -r 640x480 -d 9 -a 4 -e --crop 1,2,30,40 --tile 16 "
+               "--order spiral --kernel reference -p -3 -n name --timeout 5m "
+               "--stats --json --skip-existing --wait -b h1 -b h2:99,h3 "
+               "--connect-timeout 250ms --log-level debug --color never");
+    CHECK(o.output == "b.exr");
+    CHECK(o.settings ==
+          protocol::PictureSettings{
+              .size = {640, 480}, .crop = {1, 2, 30, 40}, .depth = 9, .aa = 4, .exact = true});
+    CHECK(o.tile_side == 16);
+    CHECK(o.order == protocol::TileOrder::spiral);
+    CHECK(o.priority == -3);
+    CHECK(o.job_name == "name");
+    CHECK(o.timeout == 5min);
+    CHECK(o.stats);
+    CHECK(o.skip_existing);
+    CHECK(o.shared.json);
+    CHECK(o.shared.progress == ProgressMode::none); // --wait
+    CHECK(o.shared.brokers ==
+          std::vector<std::string>{"tcp://h1:50057", "tcp://h2:99", "tcp://h3:50057"});
+    CHECK(o.shared.connect_timeout == 250ms);
+    CHECK(o.shared.console.level == LogLevel::debug);
+    CHECK(o.shared.console.color == ColorChoice::never);
+    CHECK(submit("a.raj -r 64x48").settings.crop == PixelRect{0, 0, 64, 48});
+    CHECK(submit("a.raj --local -j 3").local_threads == 3);
+    CHECK(submit("a.raj --detach").output.empty());
+}
+
+TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the option") {
+    struct Row {
+        std::string line, named;
+    };
+    for (const Row& row : {Row{"", "scene"},
+                           Row{"a.raj b.raj", "b.raj"},
+                           Row{"a.raj --bogus", "--bogus"},
+                           Row{"a.raj -r 640", "--size 640"},
+                           Row{"a.raj -r 0x1", "--size 0x1"},
+                           Row{"a.raj -r 65537x1", "--size 65537x1"},
+                           Row{"a.raj -r 65536x65536", "--size 65536x65536"},
+                           Row{"a.raj --crop 0,0,0,1", "--crop"},
+                           Row{"a.raj --crop 200,0,57,1", "--crop"},
+                           Row{"a.raj --crop 1,2,3", "--crop 1,2,3"},
+                           Row{"a.raj -d 1000001", "--depth"},
+                           Row{"a.raj -d -1", "--depth"},
+                           Row{"a.raj -a 257", "--aa"},
+                           Row{"a.raj -a x", "--aa"},
+                           Row{"a.raj --tile 0", "--tile 0"},
+                           Row{"a.raj --tile 1025", "--tile 1025"},
+                           Row{"a.raj --tile 1 -r 4096x4096", "--tile 1"},
+                           Row{"a.raj --order up", "--order"},
+                           Row{"a.raj --kernel fast", "only the reference kernel"},
+                           Row{"a.raj --kernel slow", "--kernel"},
+                           Row{"a.raj --detach -o b.png", "--detach"},
+                           Row{"a.raj --detach --local", "--detach"},
+                           Row{"a.raj --detach --wait", "--detach"},
+                           Row{"a.raj -j 2", "--threads"},
+                           Row{"a.raj --local -j 0", "--threads"},
+                           Row{"a.raj --overwrite --skip-existing", "--overwrite"},
+                           Row{"a.raj --timeout 5x", "--timeout 5x"},
+                           Row{"a.raj -p 3000000000", "--priority"},
+                           Row{"a.raj -b auto", "--broker auto"},
+                           Row{"a.raj -b tcp://h:0", "--broker tcp://h:0"},
+                           Row{"a.raj -b pgm://h:1", "--broker pgm://h:1"},
+                           Row{"a.raj --connect-timeout soon", "--connect-timeout soon"},
+                           Row{"a.raj --progress fancy", "--progress"},
+                           Row{"a.raj -n " + std::string(201, 'n'), "--name"}}) {
+        CAPTURE(row.line);
+        const auto parsed = parse_submit_options(words(row.line));
+        const auto* early = std::get_if<EarlyExit>(&parsed);
+        REQUIRE(early);
+        CHECK(early->code == 2);
+        CAPTURE(early->text);
+        CHECK(early->text.find(row.named) != std::string::npos);
+        CHECK(early->text.starts_with("fraja-submit: error: "));
+        CHECK(early->text.find('\n') == early->text.size() - 1);
+    }
+}
+
+TEST_CASE("an option goes before the environment, that before the default") {
+    const Variable broker("FRAJA_BROKER", "tcp://env:1,other:2");
+    CHECK(submit("a.raj").shared.brokers ==
+          std::vector<std::string>{"tcp://env:1", "tcp://other:2"});
+    CHECK(submit("a.raj -b option:3").shared.brokers == std::vector<std::string>{"tcp://option:3"});
+    const Variable level("FRAJA_LOG_LEVEL", "error");
+    CHECK(submit("a.raj").shared.console.level == LogLevel::error);
+    CHECK(submit("a.raj --log-level info").shared.console.level == LogLevel::info);
+}
+
+TEST_CASE("help opens with examples, and both help and version are no mistakes") {
+    for (const auto& [text, opening] :
+         {std::pair{std::get<EarlyExit>(parse_submit_options({"--help"})), "fraja-submit --local"},
+          std::pair{std::get<EarlyExit>(parse_watch_options({"-h"})), "fraja-watch "},
+          std::pair{std::get<EarlyExit>(parse_ctl_options({"-h"})), "fraja-ctl jobs"}}) {
+        CHECK(text.code == 0);
+        CHECK(text.text.starts_with("Examples:\n  " + std::string(opening)));
+    }
+    const auto version = std::get<EarlyExit>(parse_submit_options({"--version"}));
+    CHECK(version.code == 0);
+    CHECK(version.text.starts_with("fraja-submit " + std::string(fraja::version)));
+}
+
+TEST_CASE("fraja-watch reads its options") {
+    const auto farm = std::get<WatchOptions>(parse_watch_options({"--once", "--json"}));
+    CHECK_FALSE(farm.job.has_value());
+    CHECK(farm.until.once);
+    CHECK(farm.shared.json);
+    const auto job =
+        std::get<WatchOptions>(parse_watch_options({"#17", "-o", "now.EXR", "--until", "50%"}));
+    CHECK(job.job == "#17");
+    CHECK(job.output == "now.EXR");
+    CHECK(job.until.share == 0.5);
+    CHECK(std::get<WatchOptions>(parse_watch_options({""})).job == ""); // the newest job
+    for (const std::vector<std::string>& bad : {std::vector<std::string>{"-o", "a.png"},
+                                                {"--until", "first"},
+                                                {"j", "--until", "soon"},
+                                                {"j", "-o", "a.doc"},
+                                                {"j", "k"},
+                                                {std::string(5000, 'j')}}) {
+        const auto parsed = parse_watch_options(bad);
+        const auto* early = std::get_if<EarlyExit>(&parsed);
+        REQUIRE(early);
+        CHECK(early->code == 2);
+    }
+}
+
+TEST_CASE("parse_until takes done, first and a share, and nothing else") {
+    struct Row {
+        std::string_view text;
+        std::optional<double> want;
+    };
+    for (const Row& row :
+         {Row{"done", 1.0}, Row{"first", 0.0}, Row{"0%", 0.0}, Row{"50%", 0.5}, Row{"100%", 1.0},
+          Row{"101%", std::nullopt}, Row{"50", std::nullopt}, Row{"", std::nullopt},
+          Row{"%", std::nullopt}, Row{"-1%", std::nullopt}}) {
+        CAPTURE(row.text);
+        CHECK(parse_until(row.text) == row.want);
+    }
+}
+
+TEST_CASE("fraja-ctl reads its commands, with shared options on either side") {
+    const auto command = [](const std::string& line) {
+        return std::get<CtlOptions>(parse_ctl_options(words(line)));
+    };
+    CHECK(std::holds_alternative<ListJobs>(command("jobs").command));
+    CHECK(std::holds_alternative<ListWorkers>(command("workers").command));
+    CHECK(std::get<ShowJob>(command("show #1").command).job == "#1");
+    CHECK(std::get<CancelJob>(command("cancel cone --yes").command).yes);
+    CHECK_FALSE(std::get<CancelJob>(command("cancel cone").command).yes);
+    CHECK(std::get<GetPicture>(command("get cone -o a.png").command).output == "a.png");
+    for (const char* line : {"-b h:1 jobs", "jobs -b h:1"})
+        CHECK(command(line).shared.brokers == std::vector<std::string>{"tcp://h:1"});
+    for (const char* line :
+         {"", "dance", "show", "get cone", "get cone -o a.doc", "jobs workers"}) {
+        CAPTURE(line);
+        const auto parsed = parse_ctl_options(words(line));
+        const auto* early = std::get_if<EarlyExit>(&parsed);
+        REQUIRE(early);
+        CHECK(early->code == 2);
+    }
+}

@@ -1,0 +1,203 @@
+#include "client/console.hpp"
+#include "client/json.hpp"
+#include "client/picture.hpp"
+#include "client/table.hpp"
+
+#include <cstring>
+#include <doctest/doctest.h>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+using namespace fraja;
+using namespace fraja::client;
+using namespace std::chrono_literals;
+using Json = nlohmann::json;
+
+namespace {
+
+protocol::TileDone tile() {
+    protocol::TileDone done;
+    done.job = JobId{{1, 2}};
+    done.rect = {128, 64, 2, 1};
+    done.worker_name = "ada";
+    done.rays = {1, 2, 3, 4};
+    done.elapsed = 250ms;
+    return done;
+}
+
+protocol::JobState job() {
+    protocol::JobState state;
+    state.job = JobId{{1, 2}};
+    state.number = 17;
+    state.job_name = "cone";
+    state.phase = protocol::JobPhase::running;
+    state.tile_count = 200;
+    state.done_count = 126;
+    state.rays = {10, 20, 30, 40};
+    state.elapsed = 1500ms;
+    return state;
+}
+
+/// What a Console wrote into a file.
+class Written {
+public:
+    explicit Written(ConsoleOptions options) : file_(std::tmpfile()), console(options, file_) {}
+    ~Written() { std::fclose(file_); }
+    Written(const Written&) = delete;
+    Written& operator=(const Written&) = delete;
+    [[nodiscard]] std::string text() {
+        std::rewind(file_);
+        std::string all(4096, '\0');
+        all.resize(std::fread(all.data(), 1, all.size(), file_));
+        return all;
+    }
+
+private:
+    std::FILE* file_;
+
+public:
+    Console console;
+};
+
+} // namespace
+
+TEST_CASE("a tile's JSON has the fields of the manual and no other") {
+    CHECK(tile_json(tile()) ==
+          R"({"schema":"fraja.tile/1","job":"01020000-0000-0000-0000-000000000000","frame":0,)"
+          R"("x":128,"y":64,"w":2,"h":1,"worker":"ada","elapsed_s":0.25,"rays":10})");
+}
+
+TEST_CASE("names from others cannot break the JSON") {
+    auto t = tile();
+    t.worker_name = "\"\n\xff\x1b[2J";
+    const Json json = Json::parse(tile_json(t));
+    CHECK(json["worker"].get<std::string>().starts_with("\"\n"));
+    CHECK(tile_json(t).find('\n') == std::string::npos);
+    CHECK(tile_json(t).find('\x1b') == std::string::npos);
+}
+
+TEST_CASE("a job's JSON says its state, counts, rays and times") {
+    const Json json = Json::parse(job_json(job()));
+    CHECK(json["schema"] == "fraja.job/1");
+    CHECK(json["number"] == 17);
+    CHECK(json["state"] == "running");
+    CHECK_FALSE(json.contains("reason"));
+    CHECK(json["done_count"] == 126);
+    CHECK(json["rays"]["traced"] == 60);
+    CHECK(json["rays"]["total"] == 100);
+    CHECK(json["elapsed_s"] == 1.5);
+    auto failed = job();
+    failed.phase = protocol::JobPhase::failed;
+    failed.reason = "why";
+    CHECK(Json::parse(job_json(failed))["reason"] == "why");
+}
+
+TEST_CASE("a submission's JSON has its job only when there was one") {
+    SubmissionReport report;
+    report.state = "dry_run";
+    Json json = Json::parse(submit_json(report));
+    CHECK(json["schema"] == "fraja.submit/1");
+    CHECK(json["exit_code"] == 0);
+    CHECK_FALSE(json.contains("job"));
+    CHECK_FALSE(json.contains("output"));
+    CHECK(json["started"] == "1970-01-01T00:00:00.000Z");
+    report.job = job();
+    report.output = "cone.png";
+    report.outcome = {ExitCode::job_failed, "why"};
+    json = Json::parse(submit_json(report));
+    CHECK(json["job"] == "01020000-0000-0000-0000-000000000000");
+    CHECK(json["output"] == "cone.png");
+    CHECK(json["exit_code"] == 1);
+    CHECK(json["reason"] == "why");
+}
+
+TEST_CASE("times are RFC 3339 in UTC") {
+    CHECK(rfc3339(std::chrono::system_clock::time_point(1'700'000'000'123ms)) ==
+          "2023-11-14T22:13:20.123Z");
+}
+
+TEST_CASE("tables have columns, and words where there is nothing") {
+    CHECK(jobs_table({}) == "no jobs\n");
+    CHECK(workers_table({}) == "no workers\n");
+    const std::string table = jobs_table({job()});
+    CHECK(table.starts_with("JOB  NAME  STATE    DONE  TILES"));
+    CHECK(table.find("#17  cone  running   63%    200") != std::string::npos);
+    protocol::WorkerState ada, bob;
+    ada.worker_name = "ada";
+    bob.worker_name = "bob\x1b[2J";
+    const std::string workers = workers_table({bob, ada});
+    CHECK(workers.find("ada") < workers.find("bob?[2J"));
+}
+
+TEST_CASE("a tile's line has its place, size, worker, time and rays") {
+    CHECK(tile_line(tile()) ==
+          "     128,64  2x1        ada                   0.250 s          10 rays");
+}
+
+TEST_CASE("a console speaks by level, without colour or returns off a terminal") {
+    Written w({"prog", LogLevel::warning, ColorChoice::automatic});
+    w.console.debug("no");
+    w.console.info("no");
+    w.console.warning("careful");
+    w.console.error("bad");
+    w.console.located_warning("a.raj:1:2: hm");
+    CHECK(w.text() == "prog: warning: careful\nprog: error: bad\nwarning: a.raj:1:2: hm\n");
+    Written coloured({"prog", LogLevel::info, ColorChoice::always});
+    coloured.console.error("bad");
+    CHECK(coloured.text() == "prog: \x1b[1;31merror: \x1b[0mbad\n");
+}
+
+TEST_CASE("a message goes above the line that is redrawn") {
+    Written w({"prog", LogLevel::info, ColorChoice::never});
+    w.console.redraw("50%");
+    w.console.info("hello");
+    w.console.redraw("60%");
+    w.console.end_redraw();
+    CHECK(w.text() == "\r\x1b[K50%\r\x1b[Kprog: hello\n\r\x1b[K50%\r\x1b[K60%\n");
+}
+
+TEST_CASE("a picture puts tiles together, wherever their bytes were cut") {
+    protocol::PictureSettings settings;
+    settings.size = {8, 4};
+    settings.crop = {2, 1, 4, 2};
+    Picture picture(settings);
+    const std::vector<float> rgb = {0, 0.25f, 0.5f, 1, 2, 3};
+    Bytes bytes(sizeof(float) * rgb.size());
+    std::memcpy(bytes.data(), rgb.data(), bytes.size());
+    for (std::ptrdiff_t cut = 0; cut <= static_cast<std::ptrdiff_t>(bytes.size()); ++cut) {
+        protocol::TileDone t;
+        t.rect = {3, 2, 2, 1};
+        t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
+                   make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
+        picture.place(t);
+        const auto row = picture.film().pixels().subspan(3 * (4 + 1), 6);
+        CHECK(std::equal(row.begin(), row.end(), rgb.begin()));
+    }
+}
+
+TEST_CASE("a live picture is written when something came, and not too often") {
+    const auto path =
+        std::filesystem::temp_directory_path() / ("live-" + std::to_string(getpid()) + ".png");
+    std::filesystem::remove(path);
+    auto state = job();
+    state.settings.size = {2, 1};
+    state.settings.crop = {0, 0, 2, 1};
+    LivePicture live;
+    live.begin(state, path);
+    REQUIRE(live.finish());
+    CHECK_FALSE(std::filesystem::exists(path)); // there is nothing yet
+    protocol::TileDone t;
+    t.rect = {0, 0, 1, 1};
+    t.blobs = {make_blob(Bytes(12))};
+    live.place(t);
+    REQUIRE(*live.tick(Instant{} + 1s) == Instant::never());
+    CHECK(std::filesystem::exists(path));
+    std::filesystem::remove(path);
+    live.place(t);
+    CHECK(*live.tick(Instant{} + 1400ms) > Instant{} + 1499ms);
+    CHECK_FALSE(std::filesystem::exists(path));
+    REQUIRE(live.finish());
+    CHECK(std::filesystem::exists(path));
+    std::filesystem::remove(path);
+}

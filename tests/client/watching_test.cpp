@@ -1,0 +1,70 @@
+#include "client/watching.hpp"
+
+#include "client/asking.hpp"
+#include "tests/client/fake_farm.hpp"
+
+#include <doctest/doctest.h>
+
+using namespace fraja;
+using namespace fraja::client;
+using namespace std::chrono_literals;
+
+namespace {
+
+SessionOptions session() {
+    return {{"tcp://127.0.0.1:50057"}, 10s, "test"};
+}
+
+FakeJob existing(std::uint32_t done_at_start) {
+    FakeJob job;
+    job.exists_at_start = true;
+    job.done_at_start = done_at_start;
+    return job;
+}
+
+} // namespace
+
+TEST_CASE("a watcher leaves at the share that was asked for") {
+    struct Row {
+        double share;
+        std::size_t tiles;
+    };
+    for (const Row& row : {Row{0.0, 1}, Row{0.5, 40}, Row{0.99, 80}, Row{1.0, 80}}) {
+        CAPTURE(row.share);
+        FakeFarm farm(existing(0), {}, 1);
+        JobWatching watching({"cone", session(), {.share = row.share}}, Rng(1));
+        REQUIRE(farm.run(watching, 60s));
+        CHECK(farm.outcome == Outcome{});
+        CHECK(farm.delivered.size() == row.tiles);
+    }
+}
+
+TEST_CASE("a watcher that looks once sees what is there and leaves") {
+    FakeFarm farm(existing(30), {}, 1);
+    JobWatching watching({"cone", session(), {.once = true}}, Rng(1));
+    REQUIRE(farm.run(watching, 60s));
+    CHECK(farm.outcome == Outcome{});
+    CHECK(farm.delivered.size() >= 30);
+    CHECK(farm.now() < Instant{} + 1s);
+}
+
+TEST_CASE("a job that is not there is an answer") {
+    FakeFarm farm({}, {}, 1);
+    JobWatching watching({"cone", session(), {}}, Rng(1));
+    REQUIRE(farm.run(watching, 60s));
+    CHECK(farm.outcome->code == ExitCode::no_such_job);
+}
+
+TEST_CASE("a question is asked until it is answered") {
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+        CAPTURE(seed);
+        FakeFarm farm(existing(3), {.session_drop = 0.6, .heal_after = 8s}, seed);
+        Asking asking({"cone", true}, session());
+        const bool over = farm.run(asking, 60s);
+        REQUIRE(over);
+        if (farm.outcome->code == ExitCode::unreachable)
+            continue; // ten seconds without a Welcome: so it is said
+        CHECK(farm.outcome == Outcome{});
+        CHECK(is_over(farm.states.back().phase));
+    }
+}
