@@ -1,0 +1,196 @@
+#include "tests/e2e/farm.hpp"
+
+#include <csignal>
+#include <fstream>
+#include <regex>
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+namespace {
+
+bool contains(std::string_view text, std::string_view part) {
+    return text.find(part) != std::string_view::npos;
+}
+
+} // namespace
+
+TEST_CASE("every invalid scene exits with 2 and nothing is submitted") {
+    const Scratch scratch;
+    Farm farm;
+    std::size_t files = 0;
+    const auto check = [&](const fs::path& path) {
+        CAPTURE(path.string());
+        const auto result = farm.submit({path.string(), "-o", scratch.file("x.png")});
+        CHECK(result.exit == 2);
+        CHECK(result.out.empty());
+        const std::regex place(path.filename().string() + R"(:\d+:\d+: \S)");
+        CHECK(std::regex_search(result.err, place));
+        CHECK_FALSE(fs::exists(scratch.file("x.png")));
+        ++files;
+    };
+    for (const auto& entry : fs::directory_iterator(FRAJA_SOURCE_DIR "/scenes/invalid"))
+        if (entry.path().extension() == ".raj")
+            check(entry.path());
+    CHECK(files == 59);
+    check(scene("missing_texture"));
+    Process watcher = farm.watch("");
+    CHECK(watcher.wait_for_exit(patience) == 6); // no job at all
+}
+
+TEST_CASE("an overlap that a ray must resolve fails the job and names both solids") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one");
+    const Words picture = {scene("overlap_without_priority"), "-r", "80x60", "-o",
+                           scratch.file("x.png")};
+    Words locally = picture;
+    locally.push_back("--local");
+    for (const RunResult& result : {farm.submit(picture), submit(locally)}) {
+        CHECK(result.exit == 1);
+        CHECK(contains(result.err, "@a"));
+        CHECK(contains(result.err, "@c"));
+        CHECK_FALSE(fs::exists(scratch.file("x.png")));
+    }
+}
+
+TEST_CASE("what Raja dies of is drawn") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one");
+    const std::string path = scratch.file("x.png");
+    CHECK(farm.submit({scene("normal_incidence"), "-r", "41x31", "-a", "1", "-o", path}).exit == 0);
+    CHECK(farm.submit({scene("no_blue"), "-r", "40x30", "-e", "-o", path}).exit == 0);
+}
+
+TEST_CASE("mistakes on the command line exit with 2 and say what is wrong") {
+    const Scratch scratch;
+    struct Row {
+        Words arguments;
+        const char* says;
+    };
+    const std::string cone = scene("cone");
+    for (const Row& row : {
+             Row{{}, ""},
+             Row{{"no_such_file.raj", "--local"}, "no_such_file.raj"},
+             Row{{cone, "--local", "-r", "640"}, "640"},
+             Row{{cone, "--local", "-r", "0x0"}, "0x0"},
+             Row{{cone, "--local", "-r", "99999x99999"}, "99999"},
+             Row{{cone, "--local", "-d", "-1"}, "-1"},
+             Row{{cone, "--local", "--crop", "0,0,0,0"}, "crop"},
+             Row{{cone, "--local", "--crop", "200,0,100,100"}, "crop"},
+             Row{{cone, "--local", "--tile", "99999"}, "tile"},
+             Row{{cone, "--local", "-o", scratch.file("picture.pgn")}, "pgn"},
+             Row{{cone, "--local", "-o", "/no/such/directory/x.png"}, "/no/such/directory"},
+             Row{{cone, "--colour"}, "--colour"},
+             Row{{cone, "--detach", "-o", scratch.file("x.png")}, "--detach"},
+             Row{{cone, "-b", "pgm://x", "-o", scratch.file("x.png")}, "pgm"},
+         }) {
+        const auto result = submit(row.arguments);
+        CAPTURE(row.says);
+        CAPTURE(result.err);
+        CHECK(result.exit == 2);
+        CHECK(result.out.empty());
+        CHECK(contains(result.err, row.says));
+    }
+}
+
+TEST_CASE("without a broker it exits with 3 within the time given") {
+    const Scratch scratch;
+    const auto result = submit({scene("cone"), "-b", "tcp://127.0.0.1:1", "--connect-timeout",
+                                "300ms", "-o", scratch.file("x.png")});
+    CHECK(result.exit == 3);
+    CHECK(contains(result.err, "127.0.0.1:1"));
+}
+
+TEST_CASE("when its time runs out it exits with 124 and the job goes on") {
+    const Scratch scratch;
+    Farm farm; // and no worker
+    // The time counts from the start: a busy machine may need more of it to submit at all.
+    Duration timeout = 500ms;
+    RunResult result;
+    do {
+        result = farm.submit({scene("cone"), "-r", "20x15", "--timeout",
+                              std::to_string(timeout / 1ms) + "ms", "-o", scratch.file("x.png")});
+        INFO(result.err);
+        REQUIRE(result.exit == 124);
+        timeout *= 2;
+    } while (contains(result.err, "no broker has acknowledged the job") && timeout < patience);
+    CHECK(contains(result.err, "goes on"));
+    farm.add_worker("late");
+    Process watcher = farm.watch("cone");
+    const auto exit = watcher.wait_for_exit(patience);
+    INFO(watcher.story());
+    CHECK(exit == 0);
+}
+
+TEST_CASE("an interrupt leaves the job running and says how to go on") {
+    const Scratch scratch;
+    Farm farm;
+    Process client = farm.start_submit({scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")});
+    const auto queued = client.wait_for_line(
+        Process::Stream::err, [](std::string_view l) { return contains(l, ": job "); }, patience);
+    REQUIRE(queued.has_value());
+    client.send(SIGINT);
+    CHECK(client.wait_for_exit(patience) == 130);
+    CHECK(contains(client.err(), "fraja-watch"));
+    farm.add_worker("late");
+    Process watcher = farm.watch("cone");
+    CHECK(watcher.wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("help opens with examples and version says the version") {
+    for (const char* name : {"fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch"}) {
+        CAPTURE(name);
+        const auto help = run({{program(name), "--help"}}, patience);
+        REQUIRE(help.has_value());
+        CHECK(help->exit == 0);
+        CHECK(help->out.find(name) < help->out.find("--help"));
+        const auto version = run({{program(name), "--version"}}, patience);
+        REQUIRE(version.has_value());
+        CHECK(version->exit == 0);
+        CHECK(contains(version->out, name));
+    }
+}
+
+TEST_CASE("an unfinished local picture does not replace one that was there") {
+    const Scratch scratch;
+    const Words cone = {scene("cone"), "--local", "-r", "20x15", "-o", scratch.file("x.png")};
+    REQUIRE(submit(cone).exit == 0);
+    const std::string before = bytes_of(scratch.file("x.png"));
+    const auto result =
+        submit({scene("overlapping_spheres"), "--local", "-r", "640x480", "-a", "16", "--tile", "2",
+                "--timeout", instrumented ? "20s" : "2s", "-o", scratch.file("x.png")});
+    CHECK(result.exit == 124);
+    CHECK((bytes_of(scratch.file("x.png")) == before));
+    CHECK(contains(result.err, "x.unfinished.png"));
+    CHECK(fs::exists(scratch.file("x.unfinished.png")));
+}
+
+TEST_CASE("a refused scene tells scripts why") {
+    const auto result =
+        submit({FRAJA_SOURCE_DIR "/scenes/invalid/unclosed.raj", "--local", "--json"});
+    CHECK(result.exit == 2);
+    const auto json = nlohmann::json::parse(result.out);
+    CHECK(json.at("exit_code") == 2);
+    CHECK(contains(json.at("reason").get<std::string>(), "unclosed.raj:"));
+}
+
+TEST_CASE("a result that cannot be written is no success") {
+    const Scratch scratch;
+    const auto result = run({{"/bin/sh", "-c",
+                              program("fraja-submit") + " --local --stats -r 8x6 " + scene("cone") +
+                                  " -o " + scratch.file("x.png") + " >/dev/full"}},
+                            patience);
+    REQUIRE(result.has_value());
+    CHECK(result->exit == 1);
+    CHECK(contains(result->err, "standard output"));
+}
+
+TEST_CASE("a dry run checks everything and submits nothing") {
+    const Scratch scratch;
+    const auto result = submit(
+        {scene("cone"), "--dry-run", "-b", "tcp://127.0.0.1:1", "-o", scratch.file("x.png")});
+    CHECK(result.exit == 0);
+    CHECK_FALSE(fs::exists(scratch.file("x.png")));
+}

@@ -1,0 +1,116 @@
+// A farm of real processes for tests: a broker on ports that the system chose, workers, clients,
+// watchers.
+#pragma once
+
+#include "tests/support/process.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <doctest/doctest.h>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <string>
+#include <tuple>
+#include <vector>
+
+/// Exit codes in the messages of checks that failed.
+template <>
+struct doctest::StringMaker<std::optional<int>> {
+    static String convert(const std::optional<int>& code) {
+        return code ? toString(*code) : "none: it still runs";
+    }
+};
+
+namespace fraja::e2e {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+/// How long a test waits for something that must happen. Sanitizers are slow and machines busy.
+inline constexpr Duration patience = 240s;
+
+#ifdef FRAJA_INSTRUMENTED
+inline constexpr bool instrumented =
+    true; ///< a sanitizer or debug build: a ray costs ten times as much
+#else
+inline constexpr bool instrumented = false;
+#endif
+
+inline std::string program(const std::string& name) {
+    return std::string(FRAJA_BIN_DIR) + "/" + name;
+}
+inline std::string scene(const std::string& name) {
+    return std::string(FRAJA_SOURCE_DIR) + "/scenes/" + name + ".raj";
+}
+
+/// A directory of its own, removed at the end.
+class Scratch {
+public:
+    Scratch();
+    ~Scratch();
+    Scratch(const Scratch&) = delete;
+    Scratch& operator=(const Scratch&) = delete;
+    [[nodiscard]] std::string file(const std::string& name) const {
+        return (path_ / name).string();
+    }
+
+private:
+    fs::path path_;
+};
+
+/// The bytes of a file; the test fails when it is not there.
+std::string bytes_of(const std::string& path);
+
+using Words = std::vector<std::string>;
+
+/// Runs fraja-submit to its end.
+RunResult submit(Words arguments);
+/// The picture that `--local` draws with these arguments (scene first), as a file's bytes.
+std::string local_picture(const Scratch& scratch, Words arguments,
+                          const std::string& name = "local.png");
+
+class Farm {
+public:
+    /// Heartbeats are short, so that what is lost is found soon.
+    explicit Farm(Words broker_options = {"--heartbeat", "250ms"});
+
+    /// Starts a worker and waits until the broker has welcomed it.
+    Process& add_worker(const std::string& name, Words options = {"-j", "1"});
+    [[nodiscard]] Process& worker(std::size_t i) { return workers_.at(i); }
+    [[nodiscard]] Process& broker() { return broker_; }
+    [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
+
+    /// fraja-submit to this broker, to its end.
+    RunResult submit(Words arguments);
+    /// The same in the background.
+    Process start_submit(Words arguments);
+    /// Submits and leaves; returns the job's id.
+    std::string detach(Words arguments);
+    /// fraja-watch JOB --json in the background.
+    Process watch(const std::string& job, Words options = {"--json"});
+    /// The same, and it is known to follow the job already: add the workers after it.
+    Process watch_from_the_start(const std::string& job, const Words& json_options);
+
+private:
+    Process broker_;
+    std::string endpoint_;
+    std::vector<Process> workers_;
+};
+
+/// Waits until a program that prints JSON lines has printed that many tiles.
+void wait_for_tiles(Process& watcher, std::size_t count);
+
+/// One line of `fraja-watch --json` about a tile.
+struct TileLine {
+    std::uint32_t x, y, w, h;
+    std::string worker;
+};
+std::vector<TileLine> tile_lines(const std::string& output);
+
+/// Whether the tiles cover a picture of that size, each pixel exactly once.
+void check_each_pixel_once(const std::vector<TileLine>& tiles, std::uint32_t width,
+                           std::uint32_t height);
+
+} // namespace fraja::e2e

@@ -1,0 +1,53 @@
+#include "tests/e2e/farm.hpp"
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+TEST_CASE("one picture whatever the tiles and the workers and the threads") {
+    const Scratch scratch;
+    const Words picture = {scene("overlapping_spheres"), "-r", instrumented ? "24x18" : "96x72",
+                           "-a", "2"};
+    const std::string want = local_picture(scratch, picture);
+    const auto check = [&](const RunResult& result, const std::string& path) {
+        INFO(result.err);
+        REQUIRE(result.exit == 0);
+        CHECK((bytes_of(path) == want));
+    };
+    const auto with = [&](Words more) {
+        Words words = picture;
+        words.insert(words.end(), more.begin(), more.end());
+        return words;
+    };
+    const std::string path = scratch.file("picture.png");
+    for (const char* threads : {"1", "2"})
+        for (const char* tile : {"1", "7", "64", "96"}) { // 96: the whole picture
+            CAPTURE(threads);
+            CAPTURE(tile);
+            check(submit(with({"--local", "-j", threads, "--tile", tile, "-o", path})), path);
+        }
+    Farm farm;
+    int started = 0;
+    for (const int workers : {1, 2, 5}) {
+        for (; started < workers; ++started)
+            farm.add_worker("w" + std::to_string(started), {"-j", started % 2 ? "2" : "1"});
+        for (const char* tile : {"1", "7", "64", "96", "auto"}) {
+            CAPTURE(workers);
+            CAPTURE(tile);
+            check(farm.submit(with({"--tile", tile, "-o", path})), path);
+        }
+    }
+    for (const char* order : {"auto", "scan", "spiral", "diadic"})
+        check(farm.submit(with({"--order", order, "-o", path})), path);
+}
+
+TEST_CASE("a float picture and its metadata are the same bytes from a farm and locally") {
+    const Scratch scratch;
+    const Words picture = {scene("csg_basic"), "-r", "80x60", "--crop", "10,5,33,40"};
+    const std::string want = local_picture(scratch, picture, "local.exr");
+    Farm farm;
+    farm.add_worker("one");
+    Words words = picture;
+    words.insert(words.end(), {"-o", scratch.file("farm.exr")});
+    REQUIRE(farm.submit(words).exit == 0);
+    CHECK((bytes_of(scratch.file("farm.exr")) == want));
+}
