@@ -127,18 +127,17 @@ void Dispatcher::give_up_scene(Job& job, const std::string& why) {
 
 /// What a scene that does not come takes up, others may need.
 void Dispatcher::give_up_scenes_that_do_not_come() {
-    std::vector<JobId> stuck;
-    for (const auto& [id, job] : jobs_)
-        if (job.phase == JobPhase::waiting_for_scene &&
-            now_ - job.scene_came_on_at > limits_.scene_patience)
-            stuck.push_back(id);
-    for (const JobId& id : stuck)
-        if (Job* job = job_of(id); job && job->phase == JobPhase::waiting_for_scene &&
-                                   now_ - job->scene_came_on_at > limits_.scene_patience) {
-            const PeerId client = job->client();
-            give_up_scene(*job, "its client did not send the scene");
-            send(client, jobs_.at(id).state(identity_.epoch, now_));
-        }
+    const auto is_stuck = [this](const auto& entry) {
+        return entry.second.phase == JobPhase::waiting_for_scene &&
+               now_ - entry.second.scene_came_on_at > limits_.scene_patience;
+    };
+    // One at a time: the next may have been asked for its scene just now.
+    for (auto stuck = jobs_.end();
+         (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();) {
+        Job& job = stuck->second;
+        give_up_scene(job, "its client did not send the scene");
+        send(job.client(), job.state(identity_.epoch, now_));
+    }
 }
 
 void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
