@@ -23,8 +23,7 @@ RenderSettings render_settings(const protocol::PictureSettings& s) {
     return {.size = s.size,
             .depth = s.depth,
             .aa = s.aa,
-            .exact = s.exact,
-            .kernel = Kernel::reference};
+            .exact = s.exact};
 }
 
 protocol::Rays rays_of(const RayCounts& r) {

@@ -1,3 +1,4 @@
+#include "common/render/kernel/render.hpp"
 #include "common/render/reference/render.hpp"
 #include "common/render/render.hpp"
 
@@ -8,6 +9,10 @@ std::shared_ptr<const CompiledScene> compile_scene(std::shared_ptr<const Scene> 
     switch (kernel) {
     case Kernel::reference:
         return reference::compile(std::move(scene));
+    case Kernel::fast:
+        if (auto compiled = kernel::compile(scene))
+            return compiled;
+        return reference::compile(std::move(scene)); // right, but slow
     }
     FRAJA_ASSERT(!"a kernel that does not exist");
     return nullptr;

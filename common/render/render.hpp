@@ -14,6 +14,7 @@ namespace fraja {
 
 enum class Kernel : std::uint8_t {
     reference, ///< Raja's own arithmetic, byte for byte
+    fast,      ///< the same picture but for rounding; what users get
 };
 
 /// How a picture is drawn; with the scene and a pixel's place it decides that pixel's bits, alone.
@@ -22,18 +23,25 @@ struct RenderSettings {
     std::uint32_t depth = 5; ///< Raja's -d; 0 draws black
     std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
     bool exact = false;      ///< Raja's -e: no cut-off of faint rays
-    Kernel kernel = Kernel::reference;
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
 };
 
-/// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
-/// (neither out of depth nor below the cut level).
+/// The work that a picture took. Sums of tiles; how much a tile takes depends on the tile alone.
 struct RayCounts {
+    /// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
+    /// (neither out of depth nor below the cut level); shadow rays those that were traced.
     std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
+    // Of the fast kernel alone; 0 of the reference.
+    std::uint64_t box_tests = 0, form_tests = 0; ///< rays tested against a box, against a surface
+    std::uint64_t shaded = 0;                    ///< hits whose light was computed
+    std::uint64_t skipped_pixels = 0;            ///< known without tracing a ray
+    std::uint64_t truncated_pixels = 0; ///< with a sample that ran out of rays_per_sample_max
     friend bool operator==(const RayCounts&, const RayCounts&) = default;
     [[nodiscard]] std::uint64_t traced() const { return camera + reflected + refracted; }
     RayCounts& operator+=(const RayCounts& o) {
         camera += o.camera, reflected += o.reflected, refracted += o.refracted, shadow += o.shadow;
+        box_tests += o.box_tests, form_tests += o.form_tests, shaded += o.shaded;
+        skipped_pixels += o.skipped_pixels, truncated_pixels += o.truncated_pixels;
         return *this;
     }
 };

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <unordered_set>
 
 namespace fraja::reference {
 namespace {
@@ -70,16 +69,6 @@ std::vector<PreparedTexturedForm> prepare_textured_forms(const Scene& scene) {
     return prepared;
 }
 
-/// A solid listed twice is one member: it is the same solid, and would overlap itself.
-std::vector<SolidIndex> each_once(const std::vector<SolidIndex>& members) {
-    std::vector<SolidIndex> once;
-    std::unordered_set<SolidIndex> seen;
-    for (const SolidIndex member : members)
-        if (seen.insert(member).second)
-            once.push_back(member);
-    return once;
-}
-
 std::vector<PreparedSolid> prepare_solids(const Scene& scene) {
     struct Prepare {
         PreparedSolid operator()(const BasicSolid& solid) const { return solid; }
@@ -94,23 +83,7 @@ std::vector<PreparedSolid> prepare_solids(const Scene& scene) {
     return prepared;
 }
 
-std::uint64_t pair_key(SolidIndex above, SolidIndex below) {
-    return std::uint64_t{static_cast<std::uint32_t>(above)} << 32 |
-           static_cast<std::uint32_t>(below);
-}
-
 } // namespace
-
-Priorities::Priorities(const std::vector<Priority>& pairs) {
-    sorted_pairs_.reserve(pairs.size());
-    for (const Priority& pair : pairs)
-        sorted_pairs_.push_back(pair_key(pair.above, pair.below));
-    std::sort(sorted_pairs_.begin(), sorted_pairs_.end());
-}
-
-bool Priorities::above(SolidIndex a, SolidIndex b) const {
-    return std::binary_search(sorted_pairs_.begin(), sorted_pairs_.end(), pair_key(a, b));
-}
 
 Model::Model(std::shared_ptr<const Scene> scene_values)
     : scene(std::move(scene_values)), camera(scene->camera), primitives(prepare_primitives(*scene)),

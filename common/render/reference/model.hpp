@@ -1,6 +1,7 @@
 // The scene made ready: what Raja computes once and what its lookups need.
 #pragma once
 
+#include "common/render/priorities.hpp"
 #include "common/render/reference/camera.hpp"
 #include "common/render/reference/primitive.hpp"
 #include "common/scene/scene.hpp"
@@ -23,19 +24,6 @@ struct Composite {
 };
 
 using PreparedTexturedForm = std::variant<BasicTexturedForm, Complement, Composite>;
-
-/// Which member of an Aggregate displaces which.
-class Priorities {
-public:
-    Priorities() = default;
-    explicit Priorities(const std::vector<Priority>& pairs);
-    /// Whether the scene says `a >> b` itself: a priority is not transitive. Two solids may have
-    /// priority over each other.
-    [[nodiscard]] bool above(SolidIndex a, SolidIndex b) const;
-
-private:
-    std::vector<std::uint64_t> sorted_pairs_;
-};
 
 struct PreparedAggregate {
     std::vector<SolidIndex> members; ///< each once, in the order of the scene

@@ -1,5 +1,6 @@
 #include "common/render/reference/shading.hpp"
 
+#include "common/render/cut_level.hpp"
 #include "common/render/reference/fresnel.hpp"
 #include "common/render/reference/highlight.hpp"
 #include "common/render/reference/texture.hpp"
@@ -14,19 +15,7 @@ namespace {
 
 constexpr std::uint64_t rays_per_report = 256;
 
-double cut_component(double light, bool exact) {
-    return exact ? 0.0 : (1 / light) * (1 / 765.0);
-}
-
 } // namespace
-
-Rgb cut_level(const World& world, bool exact) {
-    const Rgb &a = world.ambient_light, &b = world.background_light;
-    Rgb m{std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
-    for (const Light& light : world.lights)
-        m += std::visit([](const auto& source) { return source.light; }, light);
-    return {cut_component(m.x, exact), cut_component(m.y, exact), cut_component(m.z, exact)};
-}
 
 /// A ray at a surface.
 struct Tracer::Incidence {

@@ -12,10 +12,6 @@
 
 namespace fraja::reference {
 
-/// Per component, the coefficient at and below which a path is given up (6.1). A component in which
-/// no light exists has an infinite one; with `exact` all are 0.
-[[nodiscard]] Rgb cut_level(const World& world, bool exact);
-
 /// Follows one camera ray after another. One thread's.
 class Tracer {
 public:

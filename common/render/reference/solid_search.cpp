@@ -1,6 +1,6 @@
 #include "common/render/reference/solid_search.hpp"
 
-#include "common/render/reference/overlap_message.hpp"
+#include "common/render/overlap_message.hpp"
 
 #include <algorithm>
 #include <cmath>

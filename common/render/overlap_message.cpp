@@ -1,8 +1,8 @@
-#include "common/render/reference/overlap_message.hpp"
+#include "common/render/overlap_message.hpp"
 
 #include <algorithm>
 
-namespace fraja::reference {
+namespace fraja {
 namespace {
 
 SolidName name_of(const Scene& scene, SolidIndex solid) {
@@ -56,4 +56,4 @@ std::string overlap_message(const Scene& scene, const Priorities& priorities,
     return circle(scene, priorities, set);
 }
 
-} // namespace fraja::reference
+} // namespace fraja

@@ -1,0 +1,434 @@
+#include "common/render/kernel/program.hpp"
+
+#include "common/render/overlap_message.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <utility>
+#include <variant>
+
+namespace fraja::kernel {
+namespace {
+
+void put(double (&to)[3], const Vec3& v) {
+    to[0] = v.x, to[1] = v.y, to[2] = v.z;
+}
+Vec3 vec(const double (&v)[3]) {
+    return {v[0], v[1], v[2]};
+}
+bool black(const Rgb& c) {
+    return c == Rgb{};
+}
+
+/// A box around the places of a scene.
+class Bounds {
+public:
+    void add(const Vec3& p, double radius) {
+        const double r = std::abs(radius);
+        for (int c = 0; c < 3; ++c) {
+            low_[c] = std::min(low_[c], p[c] - r);
+            high_[c] = std::max(high_[c], p[c] + r);
+        }
+    }
+    [[nodiscard]] Vec3 middle() const { return low_ * 0.5 + high_ * 0.5; }
+    [[nodiscard]] double half_size() const {
+        const Vec3 size = high_ - low_;
+        return 0.5 * std::max({size.x, size.y, size.z});
+    }
+
+private:
+    Vec3 low_{1e300, 1e300, 1e300}, high_{-1e300, -1e300, -1e300};
+};
+
+const HorizontalCamera& eye_of(const Camera& camera) {
+    const auto* stereo = std::get_if<StereoCamera>(&camera);
+    return stereo ? stereo->eye : std::get<HorizontalCamera>(camera);
+}
+
+/// The world's origin; the middle of a scene that is far from it for its size.
+Vec3 center_of(const Scene& scene) {
+    Bounds bounds;
+    bounds.add(eye_of(scene.camera).origin, 0);
+    for (const Form& form : scene.forms) {
+        if (const auto* sphere = std::get_if<Sphere>(&form))
+            bounds.add(sphere->center, sphere->radius);
+        else if (const auto* cylinder = std::get_if<Cylinder>(&form))
+            bounds.add(cylinder->origin, cylinder->radius);
+        else if (const auto* cone = std::get_if<Cone>(&form))
+            bounds.add(cone->origin, 0);
+    }
+    const Vec3 middle = bounds.middle();
+    constexpr double far = 16;
+    if (!is_finite(middle) || length(middle) <= far * bounds.half_size())
+        return {};
+    return middle;
+}
+
+Vec3 leftwards(const Vec3& dir) {
+    const Vec3 left = normalized({-dir.y, dir.x, 0});
+    return is_finite(left) ? left : Vec3{0, 1, 0};
+}
+
+std::uint64_t bit(std::size_t index) {
+    return std::uint64_t{1} << (index & 63);
+}
+
+} // namespace
+
+Program::Program(const Scene& scene, const SolidLimits& limits, const Vec3& center)
+    : collector_(center), solids_(scene, limits, collector_) {
+    put(tables_.center, center);
+}
+
+std::unique_ptr<const Program> Program::compile(const Scene& scene, const SolidLimits& limits) {
+    std::unique_ptr<Program> program(new Program(scene, limits, center_of(scene)));
+    if (!program->build(scene))
+        return nullptr;
+    return program;
+}
+
+bool Program::build(const Scene& scene) {
+    auto leaves = solids_.collect();
+    const auto ambient = refractive_index(scene, scene.world.ambient_volume);
+    if (!leaves || !ambient)
+        return false;
+    solid_leaves_ = std::move(*leaves);
+    tables_.ambient_index = *ambient;
+    put(tables_.ambient, scene.world.ambient_light);
+    put(tables_.background, scene.world.background_light);
+    add_surfaces();
+    add_leaves();
+    add_relations();
+    add_materials(scene);
+    add_camera(scene);
+    find_features();
+    add_lights(scene);
+    point_tables();
+    return true;
+}
+
+// ------------------------------------------------------------------------------ surfaces, leaves
+
+namespace {
+
+void renumber(Expression& e, const std::vector<std::uint32_t>& new_number) {
+    if (e.kind == Expression::Kind::literal)
+        e.surface = new_number[e.surface];
+    for (Expression& part : e.parts)
+        renumber(part, new_number);
+}
+
+/// Whether each leaf is the inside of a surface of its own.
+bool are_surfaces(const std::vector<SolidLeaf>& leaves) {
+    std::set<std::uint32_t> seen;
+    return std::all_of(leaves.begin(), leaves.end(), [&](const SolidLeaf& leaf) {
+        return leaf.inside.kind == Expression::Kind::literal && !leaf.inside.negated &&
+               seen.insert(leaf.inside.surface).second;
+    });
+}
+
+} // namespace
+
+void Program::add_surfaces() {
+    surfaces_ = collector_.sorted();
+    for (SolidLeaf& leaf : solid_leaves_) {
+        renumber(leaf.inside, surfaces_.new_number);
+        for (LeafSurface& surface : leaf.surfaces)
+            surface.side.surface = surfaces_.new_number[surface.side.surface];
+    }
+    tables_.leaf_is_surface =
+        are_surfaces(solid_leaves_) && solid_leaves_.size() == collector_.size();
+    if (tables_.leaf_is_surface)
+        std::sort(solid_leaves_.begin(), solid_leaves_.end(),
+                  [](const SolidLeaf& a, const SolidLeaf& b) {
+                      return a.inside.surface < b.inside.surface;
+                  });
+}
+
+void Program::add_leaves() {
+    for (const SolidLeaf& leaf : solid_leaves_)
+        add_leaf(leaf);
+    user_begin_.assign(collector_.size() + 1, 0);
+    for (const Patch& patch : patches_)
+        ++user_begin_[patch.surface + 1];
+    std::partial_sum(user_begin_.begin(), user_begin_.end(), user_begin_.begin());
+    users_.resize(patches_.size());
+    std::vector<std::uint32_t> next(user_begin_.begin(), user_begin_.end());
+    for (std::size_t i = 0; i < patches_.size(); ++i)
+        users_[next[patches_[i].surface]++] = static_cast<std::uint32_t>(i);
+}
+
+void Program::add_leaf(const SolidLeaf& leaf) {
+    const auto index = static_cast<std::uint32_t>(leaves_.size());
+    leaves_.push_back({test_of(leaf.inside), leaf.refractive_index});
+    std::set<std::pair<std::uint32_t, bool>> seen;
+    for (const LeafSurface& s : leaf.surfaces)
+        if (seen.insert({s.side.surface, s.side.negated}).second)
+            patches_.push_back({index, s.side.surface, s.side.negated,
+                                static_cast<std::uint32_t>(s.texture_in),
+                                static_cast<std::uint32_t>(s.texture_out)});
+}
+
+LeafTest Program::test_of(const Expression& e) {
+    const auto is_literal = [](const Expression& part) {
+        return part.kind == Expression::Kind::literal;
+    };
+    LeafTest test;
+    switch (e.kind) {
+    case Expression::Kind::never:
+        return test;
+    case Expression::Kind::always:
+        test.kind = LeafTest::Kind::always;
+        return test;
+    case Expression::Kind::literal:
+        return test_of(Expression{Expression::Kind::all, 0, false, {e}});
+    case Expression::Kind::all:
+    case Expression::Kind::any:
+        break;
+    }
+    if (std::all_of(e.parts.begin(), e.parts.end(), is_literal)) {
+        test.kind = e.kind == Expression::Kind::all ? LeafTest::Kind::all : LeafTest::Kind::any;
+        test.begin = static_cast<std::uint32_t>(terms_.size());
+        add_terms(e);
+        test.count = static_cast<std::uint32_t>(terms_.size()) - test.begin;
+    } else {
+        test.kind = LeafTest::Kind::program;
+        test.begin = static_cast<std::uint32_t>(steps_.size());
+        tables_.stack_max = std::max(tables_.stack_max, add_steps(e));
+        test.count = static_cast<std::uint32_t>(steps_.size()) - test.begin;
+    }
+    return test;
+}
+
+/// The parts of `e`, all literals, gathered by word.
+void Program::add_terms(const Expression& e) {
+    const std::size_t begin = terms_.size();
+    std::vector<Expression> literals = e.parts;
+    std::sort(literals.begin(), literals.end(),
+              [](const Expression& a, const Expression& b) { return a.surface < b.surface; });
+    for (const Expression& literal : literals) {
+        const std::uint32_t word = literal.surface / 64;
+        if (terms_.size() == begin || terms_.back().word != word)
+            terms_.push_back({word, 0, 0});
+        terms_.back().mask |= bit(literal.surface);
+        if (literal.negated)
+            terms_.back().negated |= bit(literal.surface);
+    }
+}
+
+/// How many results the steps have on the stack at most.
+std::uint32_t Program::add_steps(const Expression& e) {
+    if (e.kind == Expression::Kind::literal) {
+        steps_.push_back(
+            {e.negated ? Step::Code::negated_literal : Step::Code::literal, e.surface});
+        return 1;
+    }
+    std::uint32_t most = 0, waiting = 0;
+    for (const Expression& part : e.parts)
+        most = std::max(most, waiting++ + add_steps(part));
+    steps_.push_back({e.kind == Expression::Kind::all ? Step::Code::all : Step::Code::any,
+                      static_cast<std::uint32_t>(e.parts.size())});
+    return most;
+}
+
+/// A leaf shows when entered where another fills the space, and displaces it, by the same rule;
+/// kept both ways for reading by rows.
+void Program::add_relations() {
+    const std::size_t count = solid_leaves_.size();
+    const std::size_t words = (count + 63) / 64;
+    tables_.leaf_words = static_cast<std::uint32_t>(words);
+    relations_.assign(2 * count * words, 0);
+    if (!solids_.any_priorities())
+        return;
+    std::uint64_t* shows_in = relations_.data();
+    std::uint64_t* displaced_by = relations_.data() + count * words;
+    for (std::size_t a = 0; a < count; ++a)
+        for (std::size_t b = 0; b < count; ++b)
+            if (a != b && solids_.displaces(solid_leaves_[a], solid_leaves_[b])) {
+                displaced_by[a * words + b / 64] |= bit(b);
+                shows_in[b * words + a / 64] |= bit(a);
+            }
+}
+
+std::string Program::overlap_message(const Scene& scene, std::uint32_t leaf_a,
+                                     std::uint32_t leaf_b) const {
+    const SolidCollector::Parting p = solids_.parting(solid_leaves_[leaf_a], solid_leaves_[leaf_b]);
+    const SolidIndex set[] = {p.a, p.b};
+    return fraja::overlap_message(scene, p.priorities, set);
+}
+
+// --------------------------------------------------------------------------------- what is seen
+
+void Program::add_materials(const Scene& scene) {
+    struct Make {
+        Material operator()(const PlainTexture& t) const {
+            Material m{};
+            put(m.kd, t.local.kd), put(m.kd_two, t.local.kd);
+            put(m.krl, t.local.krl), put(m.krg, t.local.krg), put(m.ktg, t.local.ktg);
+            m.ns = t.local.ns;
+            m.lit = !black(t.local.kd);
+            return m;
+        }
+        Material operator()(const ChequeredTexture& t) const {
+            Material m{};
+            m.pattern = t.pattern == ChequeredTexture::Pattern::damier ? Material::Pattern::damier
+                        : t.pattern == ChequeredTexture::Pattern::hamier
+                            ? Material::Pattern::hamier
+                            : Material::Pattern::mamier;
+            put(m.kd, t.kd_one), put(m.kd_two, t.kd_two);
+            put(m.krl, t.kr), put(m.krg, t.kr), put(m.ktg, t.kt);
+            m.ns = t.ns, m.step = t.step, m.x = t.x, m.y = t.y;
+            m.lit = !black(t.kd_one) || !black(t.kd_two);
+            return m;
+        }
+    };
+    for (const Texture& texture : scene.textures) {
+        Material m = std::visit(Make{}, texture);
+        m.shiny = !black(vec(m.krl));
+        m.lit |= m.shiny;
+        m.mirror = !black(vec(m.krg));
+        m.glass = !black(vec(m.ktg));
+        materials_.push_back(m);
+    }
+}
+
+void Program::add_camera(const Scene& scene) {
+    const HorizontalCamera& eye = eye_of(scene.camera);
+    CameraTable& c = tables_.camera;
+    const Vec3 origin = eye.origin - vec(tables_.center);
+    const Vec3 dir = normalized(eye.direction);
+    const Vec3 middle = origin + eye.focal * dir;
+    const Vec3 left = leftwards(dir);
+    const Vec3 half_left = (eye.screen_width / 2) * left;
+    const Vec3 half_up = (eye.screen_height / 2) * cross(dir, left);
+    const Vec3 top_left = middle + (half_left + half_up);
+    put(c.origin, origin), put(c.direction, dir), put(c.top_left, top_left);
+    put(c.rightwards, (middle + (-half_left + half_up)) - top_left);
+    put(c.downwards, (middle + (half_left + -half_up)) - top_left);
+    if (const auto* stereo = std::get_if<StereoCamera>(&scene.camera)) {
+        c.stereo = true;
+        put(c.to_left_eye, (stereo->step / 2) * leftwards(eye.direction));
+    }
+}
+
+double Program::side_of_surface(std::uint32_t surface, const Vec3& p) const {
+    if (surface < surfaces_.spheres.size())
+        return side_of(surfaces_.spheres[surface], p);
+    surface -= static_cast<std::uint32_t>(surfaces_.spheres.size());
+    if (surface < surfaces_.planes.size())
+        return side_of(surfaces_.planes[surface], p);
+    surface -= static_cast<std::uint32_t>(surfaces_.planes.size());
+    if (surface < surfaces_.cylinders.size())
+        return side_of(surfaces_.cylinders[surface], p);
+    return side_of(surfaces_.cones[surface - surfaces_.cylinders.size()], p);
+}
+
+/// Whether some ray may start within a surface: on the screen, which is a rectangle, or two.
+bool Program::camera_may_be_inside() const {
+    const CameraTable& c = tables_.camera;
+    constexpr int parts = 8; // of the screen, each way
+    const Vec3 part_across = vec(c.rightwards) / double{parts};
+    const Vec3 part_down = vec(c.downwards) / double{parts};
+    const double part_radius = 0.5 * length(part_across) + 0.5 * length(part_down);
+    const Vec3 aside = vec(c.to_left_eye);
+    for (std::uint32_t s = 0; s < collector_.size(); ++s)
+        for (int i = 0; i < parts * parts; ++i)
+            for (const Vec3& eye : {aside, -aside}) {
+                const Vec3 p = vec(c.top_left) + (0.5 + i % parts) * part_across +
+                               (0.5 + i / parts) * part_down + eye;
+                const double margin = part_radius + 1e-9 * length(p);
+                if (!(side_of_surface(s, p) > margin))
+                    return true;
+            }
+    return false;
+}
+
+void Program::find_features() {
+    bool enterable = false;
+    for (const Patch& patch : patches_) {
+        const Material& in = materials_[patch.material_in];
+        const Material& out = materials_[patch.material_out];
+        tables_.glass |= in.glass || out.glass;
+        tables_.mirrors |= in.mirror || out.mirror;
+        enterable |= out.glass;
+    }
+    tables_.stateful = !tables_.leaf_is_surface || enterable || camera_may_be_inside();
+    tables_.surface_words =
+        tables_.stateful ? static_cast<std::uint32_t>((collector_.size() + 63) / 64) : 0;
+}
+
+void Program::add_lights(const Scene& scene) {
+    const auto add = [&](Light light, const Rgb& rgb) {
+        put(light.rgb, rgb);
+        if (!black(rgb))
+            lights_.push_back(light);
+    };
+    for (const fraja::Light& source : scene.world.lights) {
+        Light light{};
+        light.within = none;
+        if (const auto* point = std::get_if<PointLight>(&source)) {
+            light.point = true;
+            put(light.to, point->origin - vec(tables_.center));
+            add(light, point->light);
+        } else {
+            const auto& directional = std::get<DirectionalLight>(source);
+            put(light.to, normalized(-directional.direction));
+            add(light, directional.light);
+        }
+    }
+    if (tables_.stateful)
+        for (Light& light : lights_)
+            find_filler(light);
+}
+
+/// What fills the place of a point light; unknown near a surface, where it depends on rounding.
+void Program::find_filler(Light& light) const {
+    if (!light.point)
+        return;
+    const Vec3 p = vec(light.to);
+    std::vector<bool> inside(collector_.size());
+    for (std::uint32_t s = 0; s < inside.size(); ++s) {
+        const double side = side_of_surface(s, p);
+        if (!(std::abs(side) > 1e-9 * (length(p) + std::abs(side))))
+            return;
+        inside[s] = side < 0;
+    }
+    std::vector<std::size_t> within;
+    for (std::size_t i = 0; i < solid_leaves_.size(); ++i)
+        if (solid_leaves_[i].inside.holds([&](std::uint32_t s) { return inside[s]; }))
+            within.push_back(i);
+    if (within.empty()) {
+        light.within_known = true;
+        return;
+    }
+    for (const std::size_t a : within)
+        if (std::all_of(within.begin(), within.end(), [&](std::size_t b) {
+                return a == b || solids_.displaces(solid_leaves_[a], solid_leaves_[b]);
+            })) {
+            light.within = static_cast<std::int32_t>(a);
+            light.within_known = true;
+            return;
+        }
+}
+
+void Program::point_tables() {
+    Tables& t = tables_;
+    t.spheres = surfaces_.spheres.data(), t.planes = surfaces_.planes.data();
+    t.cylinders = surfaces_.cylinders.data(), t.cones = surfaces_.cones.data();
+    const auto count = [](const auto& table) { return static_cast<std::uint32_t>(table.size()); };
+    t.sphere_count = count(surfaces_.spheres), t.plane_count = count(surfaces_.planes);
+    t.cylinder_count = count(surfaces_.cylinders), t.cone_count = count(surfaces_.cones);
+    t.surface_count = static_cast<std::uint32_t>(collector_.size());
+    t.leaves = leaves_.data(), t.leaf_count = count(leaves_);
+    t.terms = terms_.data(), t.steps = steps_.data();
+    t.patches = patches_.data(), t.users = users_.data(), t.user_begin = user_begin_.data();
+    t.shows_in = relations_.data();
+    t.displaced_by = relations_.data() + std::size_t{t.leaf_count} * t.leaf_words;
+    t.materials = materials_.data();
+    t.lights = lights_.data(), t.light_count = count(lights_);
+}
+
+} // namespace fraja::kernel

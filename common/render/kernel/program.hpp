@@ -1,0 +1,64 @@
+// A scene made into tables.
+#pragma once
+
+#include "common/render/kernel/solids.hpp"
+#include "common/render/kernel/tables.hpp"
+#include "common/scene/scene.hpp"
+
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace fraja::kernel {
+
+/// What it takes to draw a scene. Does not move: tables() points into it.
+class Program {
+public:
+    /// Nothing for the rare scene that is beyond SolidLimits or has an aggregate as a volume.
+    [[nodiscard]] static std::unique_ptr<const Program> compile(const Scene& scene,
+                                                                const SolidLimits& limits = {});
+    Program(const Program&) = delete;
+    Program& operator=(const Program&) = delete;
+
+    [[nodiscard]] const Tables& tables() const { return tables_; }
+    /// What to tell the scene's author about two leaves, of which neither displaces the other.
+    [[nodiscard]] std::string overlap_message(const Scene& scene, std::uint32_t leaf_a,
+                                              std::uint32_t leaf_b) const;
+
+private:
+    Program(const Scene& scene, const SolidLimits& limits, const Vec3& center);
+    bool build(const Scene& scene);
+
+    void add_surfaces();
+    void add_leaves();
+    void add_leaf(const SolidLeaf& leaf);
+    LeafTest test_of(const Expression& e);
+    void add_terms(const Expression& e);
+    std::uint32_t add_steps(const Expression& e);
+    void add_relations();
+    void add_materials(const Scene& scene);
+    void add_lights(const Scene& scene);
+    void find_filler(Light& light) const;
+    void add_camera(const Scene& scene);
+    void find_features();
+    [[nodiscard]] bool camera_may_be_inside() const;
+    [[nodiscard]] double side_of_surface(std::uint32_t surface, const Vec3& p) const;
+    void point_tables();
+
+    SurfaceCollector collector_;
+    SolidCollector solids_;
+    std::vector<SolidLeaf> solid_leaves_;
+
+    SurfaceCollector::Sorted surfaces_;
+    std::vector<Leaf> leaves_;
+    std::vector<Term> terms_;
+    std::vector<Step> steps_;
+    std::vector<Patch> patches_;
+    std::vector<std::uint32_t> users_, user_begin_;
+    std::vector<std::uint64_t> relations_;
+    std::vector<Material> materials_;
+    std::vector<Light> lights_;
+    Tables tables_{};
+};
+
+} // namespace fraja::kernel

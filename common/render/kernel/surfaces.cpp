@@ -1,0 +1,127 @@
+#include "common/render/kernel/surfaces.hpp"
+
+#include "common/render/kernel/exact_angle.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <variant>
+
+namespace fraja::kernel {
+namespace {
+
+void put(double (&to)[3], const Vec3& v) {
+    to[0] = v.x, to[1] = v.y, to[2] = v.z;
+}
+Vec3 vec(const double (&v)[3]) {
+    return {v[0], v[1], v[2]};
+}
+
+/// The one of v and -v whose first component that is not 0 is positive.
+Vec3 canonical(const Vec3& v) {
+    const double sign = v.x != 0 ? v.x : v.y != 0 ? v.y : v.z;
+    return sign < 0 ? -v : v;
+}
+
+/// A unit vector; of a direction without a length (1e-200, 1e200) all the same.
+Vec3 unit(const Vec3& v) {
+    const double most = std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+    return normalized(v / most);
+}
+
+} // namespace
+
+template <class Table, class Entry>
+std::uint32_t SurfaceCollector::add(SurfaceKind kind, Table& table, const Key& key,
+                                    const Entry& entry) {
+    const auto [at, is_new] = known_.try_emplace(key, static_cast<std::uint32_t>(order_.size()));
+    if (is_new) {
+        order_.push_back({kind, static_cast<std::uint32_t>(table.size())});
+        table.push_back(entry);
+    }
+    return at->second;
+}
+
+Side SurfaceCollector::add(const Form& form, bool complement) {
+    return std::visit([&](const auto& shape) { return add(shape, complement); }, form);
+}
+
+Side SurfaceCollector::add(const Sphere& s, bool complement) {
+    SphereSurface entry{};
+    put(entry.center, s.center - center_);
+    entry.radius = std::abs(s.radius);
+    const Key key{0, entry.center[0], entry.center[1], entry.center[2], entry.radius};
+    return {add(SurfaceKind::sphere, spheres_, key, entry), complement};
+}
+
+Side SurfaceCollector::add(const Plane& s, bool complement) {
+    const Vec3 point = s.origin - center_;
+    const Vec3 direction = complement ? -s.normal : s.normal; // the other half-space
+    const Vec3 normal = unit(direction);
+    PlaneSurface entry{};
+    put(entry.normal, normal);
+    put(entry.direction, direction);
+    put(entry.point, point);
+    entry.distance = dot(normal, point);
+    const Vec3 n = canonical(normal);
+    const Key key{1, n.x, n.y, n.z, dot(n, point)};
+    const std::uint32_t number = add(SurfaceKind::plane, planes_, key, entry);
+    const Vec3 known = vec(planes_[order_[number].index].normal);
+    return {number, dot(known, normal) < 0};
+}
+
+Side SurfaceCollector::add(const Cylinder& s, bool complement) {
+    CylinderSurface entry{};
+    put(entry.origin, s.origin - center_);
+    put(entry.axis, unit(s.direction));
+    put(entry.direction, s.direction);
+    entry.radius = std::abs(s.radius);
+    const DoubleDouble squared = scaled_length_squared(entry.direction, {1, 0});
+    entry.direction_squared[0] = squared.high, entry.direction_squared[1] = squared.low;
+    const Vec3 u = canonical(unit(s.direction));
+    const Key key{2,           u.x, u.y, u.z, entry.origin[0], entry.origin[1], entry.origin[2],
+                  entry.radius};
+    return {add(SurfaceKind::cylinder, cylinders_, key, entry), complement};
+}
+
+Side SurfaceCollector::add(const Cone& s, bool complement) {
+    const ExactAngle angle = exact_angle(s.angle_rad);
+    ConeSurface entry{};
+    put(entry.origin, s.origin - center_);
+    put(entry.axis, unit(s.direction));
+    put(entry.direction, s.direction);
+    entry.slope = angle.tangent;
+    entry.slope_squared = angle.tangent * angle.tangent;
+    const DoubleDouble scaled = scaled_length_squared(entry.direction, angle.cosine_squared);
+    entry.scaled_cosine[0] = scaled.high, entry.scaled_cosine[1] = scaled.low;
+    const Vec3 u = canonical(unit(s.direction));
+    const Key key{3, u.x, u.y, u.z, entry.origin[0], entry.origin[1], entry.origin[2], entry.slope};
+    return {add(SurfaceKind::cone, cones_, key, entry), complement};
+}
+
+SurfaceCollector::Sorted SurfaceCollector::sorted() const {
+    Sorted s{spheres_, planes_, cylinders_, cones_, {}};
+    const std::uint32_t first[4] = {
+        0, static_cast<std::uint32_t>(spheres_.size()),
+        static_cast<std::uint32_t>(spheres_.size() + planes_.size()),
+        static_cast<std::uint32_t>(spheres_.size() + planes_.size() + cylinders_.size())};
+    for (const Place& place : order_)
+        s.new_number.push_back(first[static_cast<std::size_t>(place.kind)] + place.index);
+    return s;
+}
+
+double side_of(const SphereSurface& s, const Vec3& p) {
+    return length(p - vec(s.center)) - s.radius;
+}
+double side_of(const PlaneSurface& s, const Vec3& p) {
+    return dot(vec(s.normal), p - vec(s.point));
+}
+double side_of(const CylinderSurface& s, const Vec3& p) {
+    return length(cross(p - vec(s.origin), vec(s.axis))) - s.radius;
+}
+double side_of(const ConeSurface& s, const Vec3& p) {
+    const Vec3 f = p - vec(s.origin);
+    const double side = length(cross(f, vec(s.axis))) - s.slope * std::abs(dot(f, vec(s.axis)));
+    return side / (1 + s.slope); // grows no faster than one goes
+}
+
+} // namespace fraja::kernel

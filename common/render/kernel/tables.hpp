@@ -1,0 +1,193 @@
+// What a kernel reads: a scene as flat tables, the same for every instruction set.
+//
+// Plain data, built once by program.cpp and then never changed. Places are relative to
+// Tables::center, so that a small scene far from the world's origin keeps its digits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace fraja::kernel {
+
+/// No leaf, no surface.
+inline constexpr std::int32_t none = -1;
+
+// ---------------------------------------------------------------------------------- the surfaces
+//
+// A surface divides space in an inside and an outside. Forms that are the same set of points share
+// one, so that coincident surfaces are crossed at one instant, whatever rounding does.
+
+enum class SurfaceKind : std::uint8_t { sphere, plane, cylinder, cone };
+
+struct SphereSurface {
+    double center[3], radius; ///< radius >= 0
+};
+struct PlaneSurface {
+    double normal[3];    ///< unit; outside is where it points to
+    double distance;     ///< normal . point
+    double direction[3]; ///< of the normal, as the scene gives it
+    double point[3];     ///< of the plane, as the scene gives it
+};
+struct CylinderSurface {
+    double origin[3], axis[3], radius; ///< axis unit, radius >= 0
+    double direction[3];               ///< of the axis, as the scene gives it
+    double direction_squared[2];       ///< high and low part
+};
+struct ConeSurface {
+    double origin[3], axis[3]; ///< the tip; unit
+    double slope;              ///< tangent of the angle between axis and surface, >= 0
+    double slope_squared;
+    double direction[3];     ///< of the axis, as the scene gives it
+    double scaled_cosine[2]; ///< |direction|^2 cos^2 of that angle: high and low part
+};
+
+// --------------------------------------------------------------------------------- leaves, patches
+
+/// How to decide from the surfaces' bits whether a point is inside a leaf.
+struct LeafTest {
+    enum class Kind : std::uint8_t { never, always, all, any, program };
+    Kind kind = Kind::never;
+    std::uint32_t begin = 0, count = 0; ///< in terms (all, any) or in steps (program)
+};
+/// Some of the literals of an `all` or `any`: those whose surfaces' bits are in one word.
+struct Term {
+    std::uint32_t word;
+    std::uint64_t mask;    ///< the surfaces
+    std::uint64_t negated; ///< of these, those that count outside
+};
+struct Step {
+    enum class Code : std::uint8_t { literal, negated_literal, all, any };
+    Code code;
+    std::uint32_t operand; ///< a surface; or how many results on the stack to join
+};
+
+/// A basic solid in its place in the tree of aggregates.
+struct Leaf {
+    LeafTest test;
+    double refractive_index;
+};
+
+/// A surface as part of a leaf.
+struct Patch {
+    std::uint32_t leaf, surface;
+    bool flipped; ///< the leaf lies outside the surface
+    std::uint32_t material_in, material_out;
+};
+
+struct Material {
+    enum class Pattern : std::uint8_t { plain, damier, hamier, mamier };
+    Pattern pattern = Pattern::plain;
+    double kd[3], kd_two[3]; ///< kd_two: the other fields of a chequer
+    double krl[3], krg[3], ktg[3];
+    std::int32_t ns;
+    double step, x, y; ///< of a chequer, world space
+    bool lit;          ///< lights show on it: kd or krl is not black
+    bool shiny;        ///< krl is not black
+    bool mirror;       ///< krg is not black
+    bool glass;        ///< ktg is not black
+};
+
+struct Light {
+    bool point;          ///< else from a direction
+    double to[3];        ///< its place; or the unit vector towards it
+    double rgb[3];       ///< not black
+    std::int32_t within; ///< the leaf that fills its place; none, also where unknown
+    bool within_known;
+};
+
+struct CameraTable {
+    double origin[3];
+    double direction[3]; ///< unit; where the screen's place is the eye's
+    double top_left[3], rightwards[3], downwards[3];
+    bool stereo;
+    double to_left_eye[3];
+};
+
+// ------------------------------------------------------------------------------------- the scene
+
+struct Tables {
+    double center[3]; ///< world space; subtracted from every place below
+
+    const SphereSurface* spheres;
+    const PlaneSurface* planes;
+    const CylinderSurface* cylinders;
+    const ConeSurface* cones;
+    std::uint32_t sphere_count, plane_count, cylinder_count, cone_count;
+    /// Surfaces are numbered spheres first, then planes, cylinders, cones.
+    std::uint32_t surface_count;
+
+    const Leaf* leaves;
+    std::uint32_t leaf_count;
+    const Term* terms;
+    const Step* steps;
+    std::uint32_t stack_max; ///< results that a program has on its stack at most
+    bool leaf_is_surface;    ///< leaf n is the inside of surface n
+
+    const Patch* patches;
+    const std::uint32_t* users; ///< patches by surface: users[user_begin[s] .. user_begin[s + 1])
+    const std::uint32_t* user_begin;
+
+    /// Bits by leaf m: the leaves that show when entered where m fills the space.
+    /// Row m starts at shows_in[m * leaf_words].
+    const std::uint64_t* shows_in;
+    /// Likewise: the leaves that m displaces.
+    const std::uint64_t* displaced_by;
+
+    std::uint32_t surface_words, leaf_words; ///< of 64 bits each
+
+    const Material* materials;
+    const Light* lights;
+    std::uint32_t light_count;
+    double ambient[3], background[3];
+    double ambient_index;
+    CameraTable camera;
+
+    /// A ray may be inside something: rays carry a bit per surface. Else every ray is outside every
+    /// leaf, and leaf n is entered at surface n.
+    bool stateful;
+    bool glass, mirrors; ///< some material is
+};
+
+// -------------------------------------------------------------------------------------- the work
+
+struct TileJob {
+    std::uint32_t picture_width, picture_height;
+    std::uint32_t x, y, width, height; ///< the tile
+    std::uint32_t depth, aa;
+    double cut[3];
+    float* rgb; ///< width * height * 3, row by row
+};
+
+struct TileCounts {
+    std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
+    std::uint64_t box_tests = 0, form_tests = 0; ///< per ray
+    std::uint64_t shaded = 0, skipped_pixels = 0;
+    std::uint64_t truncated_pixels = 0; ///< that ran out of their budget of rays
+};
+
+/// What the kernel asks of and tells its owner while it works.
+struct TileControl {
+    void* owner;
+    /// Rays traced since the last call; answers whether to go on.
+    bool (*report)(void* owner, std::uint64_t rays);
+};
+
+enum class TileEnd : std::uint8_t { drawn, stopped, unresolved_overlap };
+
+struct TileResult {
+    TileEnd end = TileEnd::drawn;
+    TileCounts counts;
+    std::uint32_t overlapping[2] = {}; ///< leaves, of which neither displaces the other
+};
+
+/// An instruction set's kernel.
+struct KernelEntry {
+    const char* isa;
+    TileResult (*render_tile)(const Tables&, const TileJob&, const TileControl&);
+};
+
+/// Rays that one sample may cost: with `exact`, glass and a great depth it would never end. What is
+/// left of it then stays black.
+inline constexpr std::uint32_t rays_per_sample_max = std::uint32_t{1} << 20;
+
+} // namespace fraja::kernel
