@@ -149,8 +149,13 @@ void Program::add_surfaces() {
 }
 
 void Program::add_leaves() {
+    leaf_of_surface_.assign(collector_.size(), none);
     for (const SolidLeaf& leaf : solid_leaves_)
         add_leaf(leaf);
+    in_composite_ = std::make_unique<bool[]>(collector_.size());
+    for (const std::uint32_t leaf : composite_leaves_)
+        for (const LeafSurface& surface : solid_leaves_[leaf].surfaces)
+            in_composite_[surface.side.surface] = true;
     user_begin_.assign(collector_.size() + 1, 0);
     for (const Patch& patch : patches_)
         ++user_begin_[patch.surface + 1];
@@ -163,7 +168,14 @@ void Program::add_leaves() {
 
 void Program::add_leaf(const SolidLeaf& leaf) {
     const auto index = static_cast<std::uint32_t>(leaves_.size());
-    leaves_.push_back({test_of(leaf.inside), leaf.refractive_index});
+    leaves_.push_back({node_of(leaf.inside), leaf.refractive_index});
+    std::int32_t* simple = nullptr;
+    if (leaf.inside.kind == Expression::Kind::literal && !leaf.inside.negated)
+        simple = &leaf_of_surface_[leaf.inside.surface];
+    if (simple && *simple == none)
+        *simple = static_cast<std::int32_t>(index);
+    else
+        composite_leaves_.push_back(index);
     std::set<std::pair<std::uint32_t, bool>> seen;
     for (const LeafSurface& s : leaf.surfaces)
         if (seen.insert({s.side.surface, s.side.negated}).second)
@@ -172,66 +184,19 @@ void Program::add_leaf(const SolidLeaf& leaf) {
                                 static_cast<std::uint32_t>(s.texture_out)});
 }
 
-LeafTest Program::test_of(const Expression& e) {
-    const auto is_literal = [](const Expression& part) {
-        return part.kind == Expression::Kind::literal;
-    };
-    LeafTest test;
-    switch (e.kind) {
-    case Expression::Kind::never:
-        return test;
-    case Expression::Kind::always:
-        test.kind = LeafTest::Kind::always;
-        return test;
-    case Expression::Kind::literal:
-        return test_of(Expression{Expression::Kind::all, 0, false, {e}});
-    case Expression::Kind::all:
-    case Expression::Kind::any:
-        break;
-    }
-    if (std::all_of(e.parts.begin(), e.parts.end(), is_literal)) {
-        test.kind = e.kind == Expression::Kind::all ? LeafTest::Kind::all : LeafTest::Kind::any;
-        test.begin = static_cast<std::uint32_t>(terms_.size());
-        add_terms(e);
-        test.count = static_cast<std::uint32_t>(terms_.size()) - test.begin;
-    } else {
-        test.kind = LeafTest::Kind::program;
-        test.begin = static_cast<std::uint32_t>(steps_.size());
-        tables_.stack_max = std::max(tables_.stack_max, add_steps(e));
-        test.count = static_cast<std::uint32_t>(steps_.size()) - test.begin;
-    }
-    return test;
-}
-
-/// The parts of `e`, all literals, gathered by word.
-void Program::add_terms(const Expression& e) {
-    const std::size_t begin = terms_.size();
-    std::vector<Expression> literals = e.parts;
-    std::sort(literals.begin(), literals.end(),
-              [](const Expression& a, const Expression& b) { return a.surface < b.surface; });
-    for (const Expression& literal : literals) {
-        const std::uint32_t word = literal.surface / 64;
-        if (terms_.size() == begin || terms_.back().word != word)
-            terms_.push_back({word, 0, 0});
-        terms_.back().mask |= bit(literal.surface);
-        if (literal.negated)
-            terms_.back().negated |= bit(literal.surface);
-    }
-}
-
-/// How many results the steps have on the stack at most.
-std::uint32_t Program::add_steps(const Expression& e) {
-    if (e.kind == Expression::Kind::literal) {
-        steps_.push_back(
-            {e.negated ? Step::Code::negated_literal : Step::Code::literal, e.surface});
-        return 1;
-    }
-    std::uint32_t most = 0, waiting = 0;
-    for (const Expression& part : e.parts)
-        most = std::max(most, waiting++ + add_steps(part));
-    steps_.push_back({e.kind == Expression::Kind::all ? Step::Code::all : Step::Code::any,
-                      static_cast<std::uint32_t>(e.parts.size())});
-    return most;
+Node Program::node_of(const Expression& e) {
+    Node node;
+    node.kind = static_cast<Node::Kind>(e.kind); // the same names in the same order
+    node.negated = e.negated;
+    node.first = e.surface;
+    if (e.parts.empty())
+        return node;
+    node.count = static_cast<std::uint32_t>(e.parts.size());
+    node.first = static_cast<std::uint32_t>(nodes_.size());
+    nodes_.resize(nodes_.size() + e.parts.size());
+    for (std::uint32_t i = 0; i < node.count; ++i)
+        nodes_[node.first + i] = node_of(e.parts[i]);
+    return node;
 }
 
 /// A leaf shows when entered where another fills the space, and displaces it, by the same rule;
@@ -241,16 +206,24 @@ void Program::add_relations() {
     const std::size_t words = (count + 63) / 64;
     tables_.leaf_words = static_cast<std::uint32_t>(words);
     relations_.assign(2 * count * words, 0);
-    if (!solids_.any_priorities())
-        return;
     std::uint64_t* shows_in = relations_.data();
     std::uint64_t* displaced_by = relations_.data() + count * words;
-    for (std::size_t a = 0; a < count; ++a)
-        for (std::size_t b = 0; b < count; ++b)
-            if (a != b && solids_.displaces(solid_leaves_[a], solid_leaves_[b])) {
-                displaced_by[a * words + b / 64] |= bit(b);
-                shows_in[b * words + a / 64] |= bit(a);
+    std::size_t related = 0; // pairs, in either order
+    const auto relate = [&](std::size_t a, std::size_t b) {
+        if (!solids_.displaces(solid_leaves_[a], solid_leaves_[b]))
+            return false;
+        displaced_by[a * words + b / 64] |= bit(b);
+        shows_in[b * words + a / 64] |= bit(a);
+        return true;
+    };
+    if (solids_.any_priorities())
+        for (std::size_t a = 0; a < count; ++a)
+            for (std::size_t b = 0; b < a; ++b) {
+                const bool above = relate(a, b), below = relate(b, a);
+                related += above || below;
             }
+    tables_.any_relations = related > 0;
+    tables_.all_relations = count < 2 || related == count * (count - 1) / 2;
 }
 
 std::string Program::overlap_message(const Scene& scene, std::uint32_t leaf_a,
@@ -326,23 +299,60 @@ double Program::side_of_surface(std::uint32_t surface, const Vec3& p) const {
     return side_of(surfaces_.cones[surface - surfaces_.cylinders.size()], p);
 }
 
-/// Whether some ray may start within a surface: on the screen, which is a rectangle, or two.
+namespace {
+
+/// What is known of a formula at some places.
+enum class Holds : std::uint8_t { never, sometimes, always };
+
+/// side(surface) answers Holds for the surface's inside.
+template <class Side>
+Holds holds_at(const Expression& e, const Side& side) {
+    const auto opposite = [](Holds h) {
+        return h == Holds::never ? Holds::always : h == Holds::always ? Holds::never : h;
+    };
+    switch (e.kind) {
+    case Expression::Kind::never:
+        return Holds::never;
+    case Expression::Kind::always:
+        return Holds::always;
+    case Expression::Kind::literal:
+        return e.negated ? opposite(side(e.surface)) : side(e.surface);
+    case Expression::Kind::all:
+    case Expression::Kind::any:
+        break;
+    }
+    const bool all = e.kind == Expression::Kind::all;
+    Holds result = all ? Holds::always : Holds::never;
+    for (const Expression& part : e.parts) {
+        const Holds h = holds_at(part, side);
+        result = all ? std::min(result, h) : std::max(result, h);
+    }
+    return result;
+}
+
+} // namespace
+
+/// Whether some ray may start within a leaf: on the screen, which is a rectangle, or two.
 bool Program::camera_may_be_inside() const {
     const CameraTable& c = tables_.camera;
-    constexpr int parts = 8; // of the screen, each way
+    constexpr int parts = 4; // of the screen, each way
     const Vec3 part_across = vec(c.rightwards) / double{parts};
     const Vec3 part_down = vec(c.downwards) / double{parts};
     const double part_radius = 0.5 * length(part_across) + 0.5 * length(part_down);
     const Vec3 aside = vec(c.to_left_eye);
-    for (std::uint32_t s = 0; s < collector_.size(); ++s)
-        for (int i = 0; i < parts * parts; ++i)
-            for (const Vec3& eye : {aside, -aside}) {
-                const Vec3 p = vec(c.top_left) + (0.5 + i % parts) * part_across +
-                               (0.5 + i / parts) * part_down + eye;
-                const double margin = part_radius + 1e-9 * length(p);
-                if (!(side_of_surface(s, p) > margin))
+    for (int i = 0; i < parts * parts; ++i)
+        for (const Vec3& eye : {aside, -aside}) {
+            const Vec3 p = vec(c.top_left) + (0.5 + i % parts) * part_across +
+                           (0.5 + i / parts) * part_down + eye;
+            const double margin = part_radius + 1e-9 * length(p);
+            const auto side = [&](std::uint32_t surface) {
+                const double d = side_of_surface(surface, p);
+                return d > margin ? Holds::never : d < -margin ? Holds::always : Holds::sometimes;
+            };
+            for (const SolidLeaf& leaf : solid_leaves_)
+                if (holds_at(leaf.inside, side) != Holds::never)
                     return true;
-            }
+        }
     return false;
 }
 
@@ -355,7 +365,13 @@ void Program::find_features() {
         tables_.mirrors |= in.mirror || out.mirror;
         enterable |= out.glass;
     }
-    tables_.stateful = !tables_.leaf_is_surface || enterable || camera_may_be_inside();
+    for (std::uint32_t surface = 0; surface < collector_.size(); ++surface) {
+        std::set<std::uint32_t> leaves;
+        for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)
+            leaves.insert(patches_[users_[u]].leaf);
+        tables_.shared_surfaces |= leaves.size() > 1;
+    }
+    tables_.stateful = enterable || camera_may_be_inside();
     tables_.surface_words =
         tables_.stateful ? static_cast<std::uint32_t>((collector_.size() + 63) / 64) : 0;
 }
@@ -423,7 +439,11 @@ void Program::point_tables() {
     t.cylinder_count = count(surfaces_.cylinders), t.cone_count = count(surfaces_.cones);
     t.surface_count = static_cast<std::uint32_t>(collector_.size());
     t.leaves = leaves_.data(), t.leaf_count = count(leaves_);
-    t.terms = terms_.data(), t.steps = steps_.data();
+    t.nodes = nodes_.data();
+    t.leaf_of_surface = leaf_of_surface_.data();
+    t.composite_leaves = composite_leaves_.data();
+    t.composite_leaf_count = count(composite_leaves_);
+    t.in_composite = in_composite_.get();
     t.patches = patches_.data(), t.users = users_.data(), t.user_begin = user_begin_.data();
     t.shows_in = relations_.data();
     t.displaced_by = relations_.data() + std::size_t{t.leaf_count} * t.leaf_words;

@@ -32,9 +32,7 @@ private:
     void add_surfaces();
     void add_leaves();
     void add_leaf(const SolidLeaf& leaf);
-    LeafTest test_of(const Expression& e);
-    void add_terms(const Expression& e);
-    std::uint32_t add_steps(const Expression& e);
+    Node node_of(const Expression& e);
     void add_relations();
     void add_materials(const Scene& scene);
     void add_lights(const Scene& scene);
@@ -51,8 +49,10 @@ private:
 
     SurfaceCollector::Sorted surfaces_;
     std::vector<Leaf> leaves_;
-    std::vector<Term> terms_;
-    std::vector<Step> steps_;
+    std::vector<Node> nodes_;
+    std::vector<std::int32_t> leaf_of_surface_;
+    std::vector<std::uint32_t> composite_leaves_;
+    std::unique_ptr<bool[]> in_composite_;
     std::vector<Patch> patches_;
     std::vector<std::uint32_t> users_, user_begin_;
     std::vector<std::uint64_t> relations_;

@@ -42,12 +42,15 @@ public:
         capacity_ = (count + 2 * lanes - 1) / lanes * lanes;
         reals_.assign(column_count * capacity_, 0.0);
         owners_.assign(capacity_, none);
+        fillers_.assign(capacity_, none);
         samples_.assign(capacity_, 0);
         inside_.assign(words_ * capacity_, 0);
     }
 
     double* reals(Column c) { return reals_.data() + c * capacity_; }
     std::int64_t* owners() { return owners_.data(); }
+    /// The leaf that fills the space a ray starts in; none; unresolved.
+    std::int64_t* fillers() { return fillers_.data(); }
     std::uint32_t* samples() { return samples_.data(); }
     /// The surfaces the rays are inside of: word w of ray i.
     std::int64_t* inside(std::uint32_t w) { return inside_.data() + w * capacity_; }
@@ -61,6 +64,7 @@ public:
         for (std::size_t c = 0; c < column_count; ++c)
             reals(static_cast<Column>(c))[to] = from.reals(static_cast<Column>(c))[i];
         owners()[to] = from.owners()[i];
+        fillers()[to] = from.fillers()[i];
         samples()[to] = from.samples()[i];
         for (std::uint32_t w = 0; w < words_; ++w)
             inside(w)[to] = from.inside(w)[i];
@@ -71,6 +75,7 @@ public:
             for (std::size_t c = 0; c < column_count; ++c)
                 reals(static_cast<Column>(c))[n] = reals(static_cast<Column>(c))[size_ - 1];
             owners()[n] = owners()[size_ - 1];
+            fillers()[n] = fillers()[size_ - 1];
             for (std::uint32_t w = 0; w < words_; ++w)
                 inside(w)[n] = inside(w)[size_ - 1];
         }
@@ -86,7 +91,7 @@ private:
     std::uint32_t words_;
     std::size_t size_ = 0, capacity_ = 0;
     std::vector<double> reals_;
-    std::vector<std::int64_t> owners_, inside_;
+    std::vector<std::int64_t> owners_, fillers_, inside_;
     std::vector<std::uint32_t> samples_;
 };
 

@@ -138,6 +138,33 @@ FRAJA_WIDE Crossings crossings_of(const PlaneSurface& s, std::int64_t index, con
     return {select(crosses, greater(t, Wide{}), never()), never()};
 }
 
+/// Of rays that carry no state: on which side they start is told by the roots, too.
+struct SidedCrossings {
+    Crossings crossings;
+    Mask inside;
+};
+
+template <class Surface>
+FRAJA_WIDE SidedCrossings sided_crossings_of(const Surface& s, std::int64_t index,
+                                             const WideRays& ray) {
+    const Mask on_surface = ray.owner == all_lanes(index);
+    const Roots roots = roots_of(s, ray, on_surface);
+    const Mask between = roots.real & (roots.low <= 0) & (roots.high > 0);
+    const Mask inside = ~(between ^ roots.between_is_inside);
+    return {crossings(roots, inside, on_surface), inside};
+}
+
+FRAJA_WIDE SidedCrossings sided_crossings_of(const PlaneSurface& s, std::int64_t index,
+                                             const WideRays& ray) {
+    const Wide3 normal = all_lanes3(s.normal);
+    const Wide facing = dot(normal, ray.dir);
+    const Wide above = dot(normal, ray.origin) - s.distance;
+    const Wide t = -above / facing;
+    const Mask crosses = (t > 0) & (ray.owner != all_lanes(index));
+    const Mask inside = crosses ? facing > 0 : (facing < 0) | ((facing == 0) & (above < 0));
+    return {{select(crosses, t, never()), never()}, inside};
+}
+
 /// Where a ray that is outside enters, for rays that are outside of everything.
 template <class Surface>
 FRAJA_WIDE Wide entry_of(const Surface& s, std::int64_t index, const WideRays& ray) {

@@ -43,27 +43,18 @@ struct ConeSurface {
 
 // --------------------------------------------------------------------------------- leaves, patches
 
-/// How to decide from the surfaces' bits whether a point is inside a leaf.
-struct LeafTest {
-    enum class Kind : std::uint8_t { never, always, all, any, program };
+/// What a leaf is made of: a formula over the sides of surfaces, as a tree.
+struct Node {
+    enum class Kind : std::uint8_t { never, always, literal, all, any };
     Kind kind = Kind::never;
-    std::uint32_t begin = 0, count = 0; ///< in terms (all, any) or in steps (program)
-};
-/// Some of the literals of an `all` or `any`: those whose surfaces' bits are in one word.
-struct Term {
-    std::uint32_t word;
-    std::uint64_t mask;    ///< the surfaces
-    std::uint64_t negated; ///< of these, those that count outside
-};
-struct Step {
-    enum class Code : std::uint8_t { literal, negated_literal, all, any };
-    Code code;
-    std::uint32_t operand; ///< a surface; or how many results on the stack to join
+    bool negated = false;    ///< of a literal: true outside the surface
+    std::uint32_t first = 0; ///< of a literal the surface; else the first of its parts
+    std::uint32_t count = 0; ///< parts, one after the other
 };
 
 /// A basic solid in its place in the tree of aggregates.
 struct Leaf {
-    LeafTest test;
+    Node root;
     double refractive_index;
 };
 
@@ -118,10 +109,14 @@ struct Tables {
 
     const Leaf* leaves;
     std::uint32_t leaf_count;
-    const Term* terms;
-    const Step* steps;
-    std::uint32_t stack_max; ///< results that a program has on its stack at most
-    bool leaf_is_surface;    ///< leaf n is the inside of surface n
+    const Node* nodes;
+    /// The leaf that is the inside of a surface, by surface; none.
+    const std::int32_t* leaf_of_surface;
+    /// The others.
+    const std::uint32_t* composite_leaves;
+    std::uint32_t composite_leaf_count;
+    /// By surface: a composite leaf is made of it.
+    const bool* in_composite;
 
     const Patch* patches;
     const std::uint32_t* users; ///< patches by surface: users[user_begin[s] .. user_begin[s + 1])
@@ -133,6 +128,10 @@ struct Tables {
     /// Likewise: the leaves that m displaces.
     const std::uint64_t* displaced_by;
 
+    bool leaf_is_surface; ///< leaf n is the inside of surface n, for all n
+    bool any_relations;   ///< some leaf displaces another
+    bool all_relations;   ///< of each two leaves one displaces the other, or there is but one
+    bool shared_surfaces; ///< some surface is part of two leaves
     std::uint32_t surface_words, leaf_words; ///< of 64 bits each
 
     const Material* materials;
@@ -142,8 +141,8 @@ struct Tables {
     double ambient_index;
     CameraTable camera;
 
-    /// A ray may be inside something: rays carry a bit per surface. Else every ray is outside every
-    /// leaf, and leaf n is entered at surface n.
+    /// A ray may be inside something: rays carry a bit per surface, and the leaf that fills the
+    /// space they start in. Else every ray is outside every leaf.
     bool stateful;
     bool glass, mirrors; ///< some material is
 };

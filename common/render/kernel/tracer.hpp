@@ -67,7 +67,10 @@ private:
     void trace();
     void trace_stateful(std::size_t i);
     void trace_stateless(std::size_t i);
-    [[nodiscard]] std::uint32_t patch_of(const Met& met, bool outwards) const;
+    [[nodiscard]] std::uint32_t key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
+                                       bool outwards) const;
+    void fill(std::size_t ray, LaneSet before, std::int64_t leaf, std::int64_t surface);
+    [[nodiscard]] std::uint64_t crossed(std::size_t ray, std::int64_t surface, std::uint32_t w);
     void sort_hits();
     void shade();
     void add_background(const std::uint32_t* index, std::size_t count);
@@ -99,12 +102,13 @@ private:
             result_.end = TileEnd::stopped;
         unreported_ = 0;
     }
-    void check_overlap() {
-        if (!walker_.failed())
+    /// A ray needs a priority, among the leaves of a set, that the scene does not give.
+    template <class WordOf>
+    void fail_overlap(WordOf&& word_of) {
+        if (!going_on())
             return;
         result_.end = TileEnd::unresolved_overlap;
-        for (int i = 0; i < 2; ++i)
-            result_.overlapping[i] = walker_.overlapping()[i];
+        overlapping_pair(tables_, word_of, result_.overlapping);
     }
 
     const Tables& tables_;
@@ -113,9 +117,14 @@ private:
     Walker walker_;
     Wave wave_;
     RayQueue next_;
-    std::vector<Wave> waiting_;        ///< waves that were split off
-    std::vector<std::uint32_t> keys_;  ///< of each ray's hit: patch and side, or a miss
-    std::vector<std::int32_t> beyond_; ///< of each ray's hit, as in Met
+    std::vector<Wave> waiting_;       ///< waves that were split off
+    std::vector<std::uint32_t> keys_; ///< of each ray's hit: patch and side, or a miss
+    /// The leaves around a hit.
+    struct Sides {
+        std::int32_t beyond; ///< by whose index a ray is bent, with that of the leaf; none: ambient
+        std::int32_t after;  ///< that fills the space on the other side
+    };
+    std::vector<Sides> sides_;         ///< of each ray's hit; none without state
     std::vector<std::uint32_t> order_; ///< the rays, by key
     std::vector<std::uint32_t> key_begin_;
     std::vector<double> radiance_;       ///< of each sample of the block: red, green, blue
@@ -245,7 +254,11 @@ void TileTracer::camera_rays(std::uint64_t first_sample, std::size_t at) {
     if (tables_.stateful) {
         walker_.find_inside(place, dir);
         for (std::uint32_t w = 0; w < rays.words(); ++w)
-            store(rays.inside(w) + at, walker_.inside()[w]);
+            store(rays.inside(w) + at, walker_.bits()[w]);
+        const WideInt* const leaves = walker_.find_leaves();
+        for (int lane = 0; lane < lanes; ++lane)
+            rays.fillers()[at + static_cast<std::size_t>(lane)] =
+                filler_of(tables_, LaneSet(leaves, lane));
     }
 }
 
@@ -290,7 +303,7 @@ void TileTracer::split_wave() {
 void TileTracer::trace() {
     const std::size_t n = wave_.rays.size();
     keys_.resize(n + lanes);
-    beyond_.resize(n + lanes);
+    sides_.resize(n + lanes, {none, none});
     for (std::size_t i = 0; i < n && going_on(); i += lanes) {
         if (tables_.stateful)
             trace_stateful(i);
@@ -302,61 +315,102 @@ void TileTracer::trace() {
 }
 
 void TileTracer::trace_stateless(std::size_t i) {
-    const WideRays rays = wave_.rays.rays_at(i);
-    Wide t = never();
-    WideInt nearest = all_lanes(std::int64_t{none});
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
-        const Wide entry = entry_of(surface, index, rays);
-        const Mask closer = entry < t;
-        t = select(closer, entry, t);
-        nearest = select(closer, all_lanes(index), nearest);
-    });
-    for (int lane = 0; lane < lanes; ++lane) {
-        const std::int64_t surface = nearest[lane];
+    const Walker::Found found = walker_.first_entry(wave_.rays.rays_at(i), never());
+    for (int lane = 0; lane < lanes; ++lane)
         keys_[i + static_cast<std::size_t>(lane)] =
-            surface < 0 ? miss_key() : 2 * tables_.users[tables_.user_begin[surface]];
-        beyond_[i + static_cast<std::size_t>(lane)] = none;
-    }
+            found.leaf[lane] < 0 ? miss_key()
+                                 : key_of(found.surface[lane], found.leaf[lane], false, false);
 }
 
-std::uint32_t TileTracer::patch_of(const Met& met, bool outwards) const {
-    const std::uint32_t* user = tables_.users + tables_.user_begin[met.surface];
-    const std::uint32_t* end = tables_.users + tables_.user_begin[met.surface + 1];
+/// The key of a hit: which patch, from which side. A leaf can have a surface twice, inside and
+/// outside of it.
+std::uint32_t TileTracer::key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
+                                 bool outwards) const {
+    const std::uint32_t* user = tables_.users + tables_.user_begin[surface];
+    const std::uint32_t* const end = tables_.users + tables_.user_begin[surface + 1];
     std::uint32_t found = *user;
-    for (bool any_found = false; user != end; ++user) {
-        const Patch& patch = tables_.patches[*user];
-        if (patch.leaf != static_cast<std::uint32_t>(met.leaf))
-            continue;
-        if (patch.flipped == (met.leaving != outwards))
-            return *user;
-        if (!any_found)
+    if (end - user > 1)
+        for (; user != end; ++user) {
+            const Patch& patch = tables_.patches[*user];
+            if (patch.leaf != static_cast<std::uint32_t>(leaf))
+                continue;
             found = *user;
-        any_found = true;
-    }
-    return found;
+            if (patch.flipped == (leaving != outwards))
+                break;
+        }
+    return 2 * found + leaving;
 }
 
 void TileTracer::trace_stateful(std::size_t i) {
     RayQueue& rays = wave_.rays;
+    WideInt* const bits = walker_.bits();
     for (std::uint32_t w = 0; w < rays.words(); ++w)
-        walker_.inside()[w] = load(rays.inside(w) + i);
+        bits[w] = load(rays.inside(w) + i);
+    const WideInt filler = load(rays.fillers() + i);
+    const Walker::Found found = walker_.first_change(rays.rays_at(i), filler, never());
+    const Mask hit = found.leaf >= 0;
+    walker_.settle(found, hit);
+    for (std::uint32_t w = 0; w < rays.words(); ++w)
+        store(rays.inside(w) + i, bits[w]);
+    const WideInt* const leaves = walker_.find_leaves();
     const std::size_t used = std::min<std::size_t>(lanes, rays.size() - i);
-    const Walker::Visible found = walker_.walk(rays.rays_at(i), mask_of((1u << used) - 1), never());
-    for (std::uint32_t w = 0; w < rays.words(); ++w)
-        store(rays.inside(w) + i, walker_.inside()[w]);
-    const unsigned hit = bits_of(found.hit);
-    for (int lane = 0; lane < lanes; ++lane) {
-        const std::size_t ray = i + static_cast<std::size_t>(lane);
-        keys_[ray] = miss_key();
-        if (!(hit >> lane & 1))
+    for (std::size_t lane = 0; lane < used; ++lane) {
+        const std::size_t ray = i + lane;
+        const auto l = static_cast<int>(lane);
+        if (found.leaf[l] < 0) {
+            keys_[ray] = miss_key();
             continue;
-        const Met met = walker_.met(found, lane);
-        const bool outwards =
-            (walker_.inside()[met.surface >> 6][lane] >> (met.surface & 63) & 1) != 0;
-        keys_[ray] = 2 * patch_of(met, outwards) + met.leaving;
-        beyond_[ray] = met.beyond;
+        }
+        const std::int64_t surface = found.surface[l];
+        const bool leaving = found.leaf[l] == filler[l];
+        const bool outwards = (bits[surface >> 6][l] >> (surface & 63) & 1) != 0;
+        keys_[ray] = key_of(surface, found.leaf[l], leaving, outwards);
+        fill(ray, LaneSet(leaves, l), found.leaf[l], surface);
     }
-    check_overlap();
+}
+
+/// What fills the space on both sides of a hit. `before`: the leaves just before it.
+void TileTracer::fill(std::size_t ray, LaneSet before, std::int64_t leaf, std::int64_t surface) {
+    std::int64_t& filler = wave_.rays.fillers()[ray];
+    if (filler == unresolved)
+        return fail_overlap(before);
+    const bool leaving = leaf == filler;
+    Sides& sides = sides_[ray];
+    if (!leaving && filler == none && tables_.all_relations) {
+        sides = {none, static_cast<std::int32_t>(leaf)};
+        return;
+    }
+    const auto leaf_word = static_cast<std::uint32_t>(leaf >> 6);
+    const std::uint64_t leaf_bit = std::uint64_t{1} << (leaf & 63);
+    const auto after = [&](std::uint32_t w) {
+        return tables_.shared_surfaces ? crossed(ray, surface, w)
+                                       : before(w) ^ (w == leaf_word ? leaf_bit : 0);
+    };
+    sides.after = filler_of(tables_, after);
+    sides.beyond = static_cast<std::int32_t>(filler);
+    if (leaving) { // what it displaced comes to light, or what begins where it ends
+        const std::uint64_t* displaced =
+            tables_.displaced_by + static_cast<std::size_t>(leaf) * tables_.leaf_words;
+        const auto beyond = [&](std::uint32_t w) { return after(w) & (displaced[w] | ~before(w)); };
+        sides.beyond = filler_of(tables_, beyond);
+        if (sides.beyond == unresolved)
+            return fail_overlap(beyond);
+    }
+    if (!tables_.all_relations && filler != none)
+        filler = filler_of(tables_, before);
+}
+
+/// The leaves on the other side of a surface that several share.
+std::uint64_t TileTracer::crossed(std::size_t ray, std::int64_t surface, std::uint32_t w) {
+    const auto inside = [&](std::uint32_t s) {
+        const bool is_inside = (wave_.rays.inside(s >> 6)[ray] >> (s & 63) & 1) != 0;
+        return is_inside != (s == static_cast<std::uint32_t>(surface));
+    };
+    std::uint64_t word = 0;
+    for (std::uint32_t leaf = 64 * w; leaf < std::min(tables_.leaf_count, 64 * w + 64); ++leaf)
+        if (holds(tables_, tables_.leaves[leaf].root, inside))
+            word |= std::uint64_t{1} << (leaf & 63);
+    return word;
 }
 
 /// Stable, by counting.
@@ -444,7 +498,7 @@ void TileTracer::shade_group(const Group& group) {
                  diffuse_at(material, hit.place, tables_.center),
                  {}};
     for (int lane = 0; lane < lanes; ++lane)
-        at.beyond[lane] = beyond_[group.index[lane]];
+        at.beyond[lane] = sides_[group.index[lane]].beyond;
 
     const Wide3 light = light_on(at) * at.coefficient;
     const auto used = static_cast<std::size_t>(__builtin_popcount(bits_of(group.active)));
@@ -489,11 +543,9 @@ Wide3 TileTracer::light_on(const Incidence& at) {
 /// The candidates that see the light.
 Mask TileTracer::lit_by(const Light& light, const Incidence& at, Wide3 to_light, Wide distance,
                         Mask candidates) {
-    const std::int64_t leaf = at.group.patch.leaf;
-    if (light.within_known) { // another volume's light has to cross a surface
-        const WideInt here = at.group.leaving ? all_lanes(leaf) : at.beyond;
-        candidates &= here == all_lanes(std::int64_t{light.within});
-    }
+    const WideInt filler = gather(wave_.rays.fillers(), at.group.index);
+    if (light.within_known) // another volume's light has to cross a surface
+        candidates &= filler == all_lanes(std::int64_t{light.within});
     if (!any(candidates))
         return candidates;
     const auto count = static_cast<std::uint64_t>(__builtin_popcount(bits_of(candidates)));
@@ -502,18 +554,16 @@ Mask TileTracer::lit_by(const Light& light, const Incidence& at, Wide3 to_light,
     report(count);
     const std::int64_t owner = at.group.patch.surface;
     const WideRays shadow{at.hit.place, to_light, all_lanes(owner)};
-    if (!tables_.stateful) {
-        Mask open = candidates;
-        for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
-            open &= ~(entry_of(surface, index, shadow) < distance);
-        });
-        return open;
-    }
+    if (!tables_.stateful)
+        return candidates & (walker_.first_entry(shadow, distance).leaf < 0);
     for (std::uint32_t w = 0; w < tables_.surface_words; ++w)
-        walker_.inside()[w] = gather(wave_.rays.inside(w), at.group.index);
-    const Walker::Visible blocker = walker_.walk(shadow, candidates, distance);
-    check_overlap();
-    return candidates & ~blocker.hit;
+        walker_.bits()[w] = gather(wave_.rays.inside(w), at.group.index);
+    const Mask blocked = walker_.first_change(shadow, filler, distance).leaf >= 0;
+    for (unsigned lost =
+             bits_of(blocked & candidates & (filler == all_lanes(std::int64_t{unresolved})));
+         lost != 0; lost = 0)
+        fail_overlap(LaneSet(walker_.find_leaves(), __builtin_ctz(lost)));
+    return candidates & ~blocked;
 }
 
 /// The refracted and the reflected rays.
@@ -568,6 +618,7 @@ void TileTracer::send_on(const Incidence& at) {
         next_.reals(green)[to] = coefficient.y[lane];
         next_.reals(blue)[to] = coefficient.z[lane];
         next_.owners()[to] = surface;
+        next_.fillers()[to] = crosses ? sides_[from].after : rays.fillers()[from];
         next_.samples()[to] = sample;
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             next_.inside(w)[to] = rays.inside(w)[from];

@@ -1,4 +1,8 @@
-// What wide rays meet first: from crossing to crossing, until what fills the space changes.
+// What wide rays meet first: where what fills the space changes.
+//
+// First the crossings with every surface, two at most; from them, for every leaf, when the ray
+// enters it, or leaves it. Formulas are evaluated in time, not at points: "from when on are all of
+// them true" asks each part for the next time at which it is, until none moves.
 #pragma once
 
 #include "common/render/kernel/roots.hpp"
@@ -46,19 +50,37 @@ FRAJA_WIDE Mask bit_at(const WideInt* words, std::int64_t index) {
     return (words[index >> 6] & all_lanes(std::int64_t{1} << (index & 63))) != 0;
 }
 
-/// One lane's set of leaves (or surfaces), as words.
+/// Whether a formula is true at a point; inside(surface) answers for the surfaces.
+template <class Inside>
+inline bool holds(const Tables& tables, const Node& node, const Inside& inside) {
+    switch (node.kind) {
+    case Node::Kind::never:
+        return false;
+    case Node::Kind::always:
+        return true;
+    case Node::Kind::literal:
+        return inside(node.first) != node.negated;
+    case Node::Kind::all:
+    case Node::Kind::any:
+        break;
+    }
+    const bool all = node.kind == Node::Kind::all;
+    for (std::uint32_t i = 0; i < node.count; ++i)
+        if (holds(tables, tables.nodes[node.first + i], inside) != all)
+            return !all;
+    return all;
+}
+
+/// One lane's set of leaves, as words.
 class LaneSet {
 public:
-    LaneSet(const WideInt* words, std::uint32_t word_count, int lane)
-        : words_(words), word_count_(word_count), lane_(lane) {}
-    [[nodiscard]] std::uint32_t word_count() const { return word_count_; }
-    [[nodiscard]] std::uint64_t word(std::uint32_t w) const {
+    LaneSet(const WideInt* words, int lane) : words_(words), lane_(lane) {}
+    [[nodiscard]] std::uint64_t operator()(std::uint32_t w) const {
         return static_cast<std::uint64_t>(words_[w][lane_]);
     }
 
 private:
     const WideInt* words_;
-    std::uint32_t word_count_;
     int lane_;
 };
 
@@ -122,127 +144,238 @@ inline void overlapping_pair(const Tables& tables, WordOf&& word_of, std::uint32
     });
 }
 
-/// What a ray that hit something needs to know of it.
-struct Met {
-    std::int32_t surface = none, leaf = none;
-    std::int32_t beyond = none; ///< the leaf on the other side; none: the ambient volume
-    bool leaving = false;       ///< the ray comes from within the leaf
-};
-
-/// Follows wide rays through a scene whose rays carry state. One thread's.
+/// Wide rays' crossings with the surfaces, and what follows from them. One thread's.
 class Walker {
 public:
     explicit Walker(const Tables& tables)
         : tables_(tables), first_(tables.surface_count), second_(tables.surface_count),
-          bits_(tables.surface_words), before_(tables.leaf_words), after_(tables.leaf_words),
-          met_after_(tables.leaf_words), filler_bit_(tables.leaf_words), shows_(tables.leaf_words),
-          stack_(tables.stack_max + 1) {}
+          inside_(tables.surface_count), bits_(tables.surface_words), leaves_(tables.leaf_words) {}
 
-    /// The bits of the surfaces that the next walk's rays start inside of, by word. A walk leaves
-    /// those that hold just before the hit.
-    [[nodiscard]] WideInt* inside() { return bits_.data(); }
+    /// Of rays with state, the surfaces they start inside of, by word.
+    [[nodiscard]] WideInt* bits() { return bits_.data(); }
 
-    struct Visible {
-        Mask hit;
-        Wide t;
-        WideInt surface;
+    struct Found {
+        Wide t;          ///< the limit where there is nothing
+        WideInt leaf;    ///< none where there is nothing
+        WideInt surface; ///< of it
     };
-    /// The first crossing nearer than `limit` at which what fills the space changes. Only of
-    /// `active` lanes.
-    Visible walk(const WideRays& rays, Mask active, Wide limit);
-    /// Of a lane that the last walk hit.
-    [[nodiscard]] Met met(const Visible& visible, int lane);
+    /// The first change nearer than `limit` in what fills the space, of rays that are outside of
+    /// everything.
+    Found first_entry(const WideRays& rays, Wide limit);
+    /// Of rays in bits(), where `filler` fills the space (none; unresolved). A change that is the
+    /// filler's is where a ray leaves it, any other where it enters.
+    Found first_change(const WideRays& rays, WideInt filler, Wide limit);
+    /// Takes the rays of the last first_change() to what was found: bits() are those just before.
+    void settle(const Found& found, Mask hit);
 
-    /// Whether a ray needed a priority that the scene does not give.
-    [[nodiscard]] bool failed() const { return failed_; }
-    [[nodiscard]] const std::uint32_t (&overlapping() const)[2] { return overlapping_; }
-
-    /// Fills inside() for rays that start anywhere.
+    /// The leaves that the rays of bits() are in, by word; kept until the next call.
+    const WideInt* find_leaves();
+    /// Fills bits() for rays that start anywhere.
     void find_inside(Wide3 origin, Wide3 dir);
 
 private:
-    void leaves_at(const WideInt* bits, WideInt* leaves);
-    Mask leaf_at(const WideInt* bits, const LeafTest& test);
-    Mask run(const WideInt* bits, const LeafTest& test);
-    void prepare_fillers();
-    template <class WordOf>
-    std::int32_t resolved(std::int32_t filler, WordOf&& word_of);
+    /// When something first is what it is asked to be, and which surface brought it about: none if
+    /// it is so from the start.
+    struct Moment {
+        Wide t;
+        WideInt surface;
+    };
+    /// A crossing at 0 comes after it.
+    static Moment before_start() { return {all_lanes(-1.0), all_lanes(std::int64_t{none})}; }
+    Moment next_time(const Node& node, bool wanted, Moment from);
+    Moment next_time_of_literal(const Node& node, bool wanted, Moment from);
+    Mask holds(const Node& node, const WideInt* bits);
+    Moment next_time_of_part(const Node& node, bool wanted, Moment from);
+    void consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates, WideInt filler);
+    Mask shows_in(WideInt filler, std::int64_t leaf);
 
     const Tables& tables_;
-    std::vector<Wide> first_, second_; ///< the next crossing with each surface, and the one after
+    // By surface: its next crossing, and the one after; whether the rays start inside.
+    std::vector<Wide> first_, second_;
+    std::vector<Mask> inside_;
     std::vector<WideInt> bits_;
-    std::vector<WideInt> before_, after_;     ///< the leaves, on both sides of a crossing
-    std::vector<WideInt> met_after_;          ///< beyond the visible crossing of a lane
-    std::vector<WideInt> filler_bit_, shows_; ///< of each lane's filler: itself, what it lets show
-    std::vector<Mask> stack_;
-    std::int32_t filler_[lanes] = {};
-    bool failed_ = false;
-    std::uint32_t overlapping_[2] = {};
+    std::vector<WideInt> leaves_;
 };
 
-Mask Walker::run(const WideInt* bits, const LeafTest& test) {
-    std::size_t top = 0;
-    for (const Step* step = tables_.steps + test.begin;
-         step != tables_.steps + test.begin + test.count; ++step) {
-        switch (step->code) {
-        case Step::Code::literal:
-            stack_[top++] = bit_at(bits, step->operand);
-            break;
-        case Step::Code::negated_literal:
-            stack_[top++] = ~bit_at(bits, step->operand);
-            break;
-        case Step::Code::all:
-        case Step::Code::any: {
-            const bool all = step->code == Step::Code::all;
-            Mask joined = stack_[--top];
-            for (std::uint32_t i = 1; i < step->operand; ++i) {
-                --top;
-                joined = all ? joined & stack_[top] : joined | stack_[top];
-            }
-            stack_[top++] = joined;
-            break;
-        }
-        }
-    }
-    return stack_[0];
+FRAJA_WIDE Walker::Moment Walker::next_time_of_literal(const Node& node, bool wanted, Moment from) {
+    const std::uint32_t s = node.first;
+    const Mask so_at_first = (inside_[s] ^ (node.negated != wanted ? Mask{} : ~Mask{}));
+    const Mask between = (from.t >= first_[s]) & (from.t < second_[s]);
+    // So at first: not between the crossings. Else: only between them.
+    const Wide t = so_at_first ? (between ? second_[s] : from.t)
+                               : (from.t < first_[s] ? first_[s]
+                                  : between          ? from.t
+                                                     : never());
+    const Mask moved = t > from.t;
+    return {t, select(moved, all_lanes(std::int64_t{s}), from.surface)};
 }
 
-FRAJA_WIDE Mask Walker::leaf_at(const WideInt* bits, const LeafTest& test) {
-    switch (test.kind) {
-    case LeafTest::Kind::never:
+FRAJA_WIDE Walker::Moment Walker::next_time_of_part(const Node& node, bool wanted, Moment from) {
+    return node.kind == Node::Kind::literal ? next_time_of_literal(node, wanted, from)
+                                            : next_time(node, wanted, from);
+}
+
+inline Walker::Moment Walker::next_time(const Node& node, bool wanted, Moment from) {
+    switch (node.kind) {
+    case Node::Kind::never:
+        return {wanted ? never() : from.t, from.surface};
+    case Node::Kind::always:
+        return {wanted ? from.t : never(), from.surface};
+    case Node::Kind::literal:
+        return next_time_of_literal(node, wanted, from);
+    case Node::Kind::all:
+    case Node::Kind::any:
+        break;
+    }
+    const Node* const parts = tables_.nodes + node.first;
+    if ((node.kind == Node::Kind::all) != wanted) { // one part is enough: the earliest
+        Moment earliest = next_time_of_part(parts[0], wanted, from);
+        for (std::uint32_t i = 1; i < node.count; ++i) {
+            const Moment m = next_time_of_part(parts[i], wanted, from);
+            const Mask earlier = m.t < earliest.t;
+            earliest.t = select(earlier, m.t, earliest.t);
+            earliest.surface = select(earlier, m.surface, earliest.surface);
+        }
+        return earliest;
+    }
+    for (;;) { // every part is needed: on and on, until all are content
+        const Wide before = from.t;
+        for (std::uint32_t i = 0; i < node.count; ++i)
+            from = next_time_of_part(parts[i], wanted, from);
+        if (!any((from.t > before) & (from.t < never())))
+            return from;
+    }
+}
+
+/// Of two changes at one time, which only surfaces that leaves share make likely, an entry comes
+/// before the filler's end, and a leaf before those that it displaces.
+FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates,
+                                 WideInt filler) {
+    Mask better = candidates & (moment.t < found.t);
+    if (tables_.shared_surfaces) {
+        const Mask tie = candidates & (moment.t == found.t) & (found.leaf >= 0);
+        if (any(tie))
+            better |= tie & (filler != all_lanes(leaf)) &
+                      ((found.leaf == filler) | shows_in(found.leaf, leaf));
+    }
+    found.t = select(better, moment.t, found.t);
+    found.leaf = select(better, all_lanes(leaf), found.leaf);
+    found.surface = select(better, moment.surface, found.surface);
+}
+
+Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
+    const WideInt nothing = all_lanes(std::int64_t{none});
+    Found found{limit, nothing, nothing};
+    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+        const std::int32_t leaf = tables_.leaf_of_surface[index];
+        if (leaf != none)
+            consider(found, {entry_of(surface, index, rays), all_lanes(index)}, leaf, ~Mask{},
+                     nothing);
+        if (tables_.in_composite[index]) {
+            const auto s = static_cast<std::size_t>(index);
+            const SidedCrossings c = sided_crossings_of(surface, index, rays);
+            first_[s] = c.crossings.first, second_[s] = c.crossings.second;
+            inside_[s] = c.inside;
+        }
+    });
+    const Moment start = before_start();
+    for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
+        const std::uint32_t leaf = tables_.composite_leaves[i];
+        const Moment entry = next_time(tables_.leaves[leaf].root, true, start);
+        consider(found, entry, leaf, entry.surface != nothing, nothing);
+    }
+    return found;
+}
+
+/// Of each lane: whether a leaf shows when it is entered where that filler fills the space.
+FRAJA_WIDE Mask Walker::shows_in(WideInt filler, std::int64_t leaf) {
+    if (!tables_.any_relations)
         return Mask{};
-    case LeafTest::Kind::always:
-        return ~Mask{};
-    case LeafTest::Kind::all:
-    case LeafTest::Kind::any: {
-        WideInt lacking{}, present{};
-        for (const Term* term = tables_.terms + test.begin;
-             term != tables_.terms + test.begin + test.count; ++term) {
-            const WideInt mask = all_lanes(static_cast<std::int64_t>(term->mask));
-            const WideInt true_ones =
-                (bits[term->word] ^ all_lanes(static_cast<std::int64_t>(term->negated))) & mask;
-            lacking |= true_ones ^ mask;
-            present |= true_ones;
-        }
-        return test.kind == LeafTest::Kind::all ? lacking == 0 : present != 0;
-    }
-    case LeafTest::Kind::program:
-        return run(bits, test);
-    }
-    return Mask{};
+    Mask shows{};
+    for (int lane = 0; lane < lanes; ++lane)
+        if (filler[lane] >= 0)
+            shows[lane] = -static_cast<std::int64_t>(
+                tables_.shows_in[static_cast<std::size_t>(filler[lane]) * tables_.leaf_words +
+                                 static_cast<std::size_t>(leaf >> 6)] >>
+                    (leaf & 63) &
+                1);
+    return shows;
 }
 
-void Walker::leaves_at(const WideInt* bits, WideInt* leaves) {
-    if (tables_.leaf_is_surface) {
-        for (std::uint32_t w = 0; w < tables_.leaf_words; ++w)
-            leaves[w] = bits[w];
-        return;
+Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide limit) {
+    const Mask outside = filler == all_lanes(std::int64_t{none});
+    const Mask lost = filler == all_lanes(std::int64_t{unresolved}); // any change will tell
+    const bool all_outside = !any(~outside);
+    const WideInt nothing = all_lanes(std::int64_t{none});
+    Found found{limit, nothing, nothing};
+    const auto may_show = [&](std::int64_t leaf) {
+        return all_outside ? ~Mask{} : outside | shows_in(filler, leaf);
+    };
+    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+        const auto s = static_cast<std::size_t>(index);
+        inside_[s] = bit_at(bits_.data(), index);
+        const Crossings c = crossings_of(surface, index, rays, inside_[s]);
+        first_[s] = c.first, second_[s] = c.second;
+        const std::int64_t leaf = tables_.leaf_of_surface[index];
+        if (leaf != none)
+            consider(found, {c.first, all_lanes(index)}, leaf,
+                     (may_show(leaf) & ~inside_[s]) | (filler == all_lanes(leaf)) | lost, filler);
+    });
+    const Moment start = before_start();
+    for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
+        const std::int64_t leaf = tables_.composite_leaves[i];
+        const Node& root = tables_.leaves[leaf].root;
+        const Moment entry = next_time(root, true, start);
+        consider(found, entry, leaf, (may_show(leaf) | lost) & (entry.surface != nothing), filler);
+        const Mask within = (filler == all_lanes(leaf)) | lost;
+        if (any(within)) {
+            const Moment end = next_time(root, false, start);
+            consider(found, end, leaf, within & (end.surface != nothing), filler);
+        }
     }
-    for (std::uint32_t w = 0; w < tables_.leaf_words; ++w)
-        leaves[w] = WideInt{};
+    return found;
+}
+
+void Walker::settle(const Found& found, Mask hit) {
+    for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
+        const Mask met = found.surface == all_lanes(std::int64_t{s});
+        const Mask crossed = met ? first_[s] < found.t // and now it is met again
+                                 : (first_[s] <= found.t) ^ (second_[s] <= found.t);
+        bits_[s >> 6] ^=
+            hit & crossed & all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (s & 63)));
+    }
+}
+
+inline Mask Walker::holds(const Node& node, const WideInt* bits) {
+    switch (node.kind) {
+    case Node::Kind::never:
+        return Mask{};
+    case Node::Kind::always:
+        return ~Mask{};
+    case Node::Kind::literal:
+        return node.negated ? ~bit_at(bits, node.first) : bit_at(bits, node.first);
+    case Node::Kind::all:
+    case Node::Kind::any:
+        break;
+    }
+    const bool all = node.kind == Node::Kind::all;
+    Mask result = all ? ~Mask{} : Mask{};
+    for (std::uint32_t i = 0; i < node.count; ++i) {
+        const Mask part = holds(tables_.nodes[node.first + i], bits);
+        result = all ? result & part : result | part;
+    }
+    return result;
+}
+
+const WideInt* Walker::find_leaves() {
+    if (tables_.leaf_is_surface)
+        return bits_.data();
+    for (WideInt& word : leaves_)
+        word = WideInt{};
     for (std::uint32_t i = 0; i < tables_.leaf_count; ++i)
-        leaves[i >> 6] |= leaf_at(bits, tables_.leaves[i].test) &
-                          all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (i & 63)));
+        leaves_[i >> 6] |= holds(tables_.leaves[i].root, bits_.data()) &
+                           all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (i & 63)));
+    return leaves_.data();
 }
 
 void Walker::find_inside(Wide3 origin, Wide3 dir) {
@@ -250,159 +383,9 @@ void Walker::find_inside(Wide3 origin, Wide3 dir) {
         word = WideInt{};
     for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
         bits_[static_cast<std::size_t>(index >> 6)] |=
-            starts_inside(surface, origin, dir) & all_lanes(std::int64_t{1} << (index & 63));
+            starts_inside(surface, origin, dir) &
+            all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (index & 63)));
     });
-}
-
-/// Of the lanes that start inside something: what fills the space there, and what shows in it.
-void Walker::prepare_fillers() {
-    const std::uint32_t words = tables_.leaf_words;
-    for (std::uint32_t w = 0; w < words; ++w)
-        filler_bit_[w] = shows_[w] = WideInt{};
-    for (int lane = 0; lane < lanes; ++lane) {
-        const LaneSet set(before_.data(), words, lane);
-        filler_[lane] = filler_of(tables_, [&](std::uint32_t w) { return set.word(w); });
-        if (filler_[lane] < 0)
-            continue;
-        const auto filler = static_cast<std::uint32_t>(filler_[lane]);
-        filler_bit_[filler >> 6][lane] =
-            static_cast<std::int64_t>(std::uint64_t{1} << (filler & 63));
-        for (std::uint32_t w = 0; w < words; ++w)
-            shows_[w][lane] =
-                static_cast<std::int64_t>(tables_.shows_in[std::size_t{filler} * words + w]);
-    }
-}
-
-Walker::Visible Walker::walk(const WideRays& rays, Mask active, Wide limit) {
-    const std::uint32_t words = tables_.leaf_words;
-    WideInt* const bits = bits_.data();
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
-        const Crossings c = crossings_of(surface, index, rays, bit_at(bits, index));
-        first_[static_cast<std::size_t>(index)] = c.first;
-        second_[static_cast<std::size_t>(index)] = c.second;
-    });
-    leaves_at(bits, before_.data());
-    Mask within{}; // the ray starts inside something
-    for (std::uint32_t w = 0; w < words; ++w)
-        within |= before_[w] != 0;
-    within &= active;
-    const bool any_within = any(within);
-    if (any_within)
-        prepare_fillers();
-
-    Visible found{Mask{}, limit, all_lanes(std::int64_t{none})};
-    Mask open = active;
-    for (;;) {
-        Wide t = limit;
-        WideInt nearest = all_lanes(std::int64_t{none});
-        for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
-            const Mask closer = first_[s] < t;
-            t = select(closer, first_[s], t);
-            nearest = select(closer, all_lanes(std::int64_t{s}), nearest);
-        }
-        open &= nearest != all_lanes(std::int64_t{none});
-        if (!any(open))
-            return found;
-
-        for (std::uint32_t w = 0; w < tables_.surface_words; ++w) {
-            const Mask here = open & ((nearest >> 6) == all_lanes(std::int64_t{w}));
-            bits[w] ^= here & (all_lanes(std::int64_t{1}) << (nearest & 63));
-        }
-        leaves_at(bits, after_.data());
-        Mask changes{}, shows{};
-        for (std::uint32_t w = 0; w < words; ++w) {
-            const WideInt changed = before_[w] ^ after_[w];
-            changes |= changed != 0;
-            if (any_within)
-                shows |= ((changed & before_[w] & filler_bit_[w]) |
-                          (changed & after_[w] & shows_[w])) != 0;
-        }
-        const Mask visible = open & (within ? shows : changes);
-        if (any_within)
-            for (unsigned lanes_left = bits_of(open & within & changes); lanes_left != 0;
-                 lanes_left &= lanes_left - 1) {
-                const int lane = __builtin_ctz(lanes_left);
-                if (filler_[lane] != unresolved)
-                    continue;
-                const LaneSet set(before_.data(), words, lane);
-                resolved(unresolved, [&](std::uint32_t w) { return set.word(w); });
-                return found;
-            }
-        found.hit |= visible;
-        found.t = select(visible, t, found.t);
-        found.surface = select(visible, nearest, found.surface);
-        const Mask passed = open & ~visible;
-        open = passed;
-        // A visible crossing is not undertaken: the bits stay those before it; but the leaves on
-        // its other side are kept, for met().
-        for (std::uint32_t w = 0; w < tables_.surface_words; ++w) {
-            const Mask here = visible & ((nearest >> 6) == all_lanes(std::int64_t{w}));
-            bits[w] ^= here & (all_lanes(std::int64_t{1}) << (nearest & 63));
-        }
-        for (std::uint32_t w = 0; w < words; ++w) {
-            before_[w] = select(passed, after_[w], before_[w]);
-            met_after_[w] = select(visible, after_[w], met_after_[w]);
-        }
-        if (!any(open))
-            return found;
-        for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
-            const Mask crossed = passed & (nearest == all_lanes(std::int64_t{s}));
-            first_[s] = select(crossed, second_[s], first_[s]);
-            second_[s] = select(crossed, never(), second_[s]);
-        }
-    }
-}
-
-/// Raises the failure when there is no filler.
-template <class WordOf>
-std::int32_t Walker::resolved(std::int32_t filler, WordOf&& word_of) {
-    if (filler != unresolved)
-        return filler;
-    if (!failed_)
-        overlapping_pair(tables_, word_of, overlapping_);
-    failed_ = true;
-    return none;
-}
-
-Met Walker::met(const Visible& visible, int lane) {
-    const std::uint32_t words = tables_.leaf_words;
-    Met m;
-    m.surface = static_cast<std::int32_t>(visible.surface[lane]);
-    const LaneSet before(before_.data(), words, lane), after(met_after_.data(), words, lane);
-    const auto entered = [&](std::uint32_t w) { return after.word(w) & ~before.word(w); };
-    const auto lowest = [&](auto&& set) {
-        std::int32_t leaf = none;
-        for_each_bit(words, set, [&](std::int32_t i) { return leaf = i, false; });
-        return leaf;
-    };
-    const auto chosen = [&](auto&& set) {
-        const std::int32_t filler = filler_of(tables_, set);
-        return filler == unresolved ? lowest(set) : filler;
-    };
-    bool is_empty = true;
-    for (std::uint32_t w = 0; w < words; ++w)
-        is_empty &= before.word(w) == 0;
-    if (is_empty) {
-        m.leaf = chosen(entered);
-        return m;
-    }
-    const std::int32_t filler = filler_[lane];
-    const std::uint64_t* shows = tables_.shows_in + static_cast<std::size_t>(filler) * words;
-    const auto entered_to_be_seen = [&](std::uint32_t w) { return entered(w) & shows[w]; };
-    if (lowest(entered_to_be_seen) != none) {
-        m.leaf = chosen(entered_to_be_seen);
-        m.beyond = filler;
-        return m;
-    }
-    m.leaf = filler;
-    m.leaving = true;
-    const std::uint64_t* displaced =
-        tables_.displaced_by + static_cast<std::size_t>(filler) * words;
-    const auto beyond = [&](std::uint32_t w) {
-        return (after.word(w) & displaced[w]) | entered(w);
-    };
-    m.beyond = resolved(filler_of(tables_, beyond), beyond);
-    return m;
 }
 
 } // namespace
