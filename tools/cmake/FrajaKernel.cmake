@@ -24,6 +24,7 @@ function(fraja_kernel_object room isa)
         COMMENT "Closing the kernel for ${isa}" VERBATIM COMMAND_EXPAND_LISTS)
     set_source_files_properties(${closed} PROPERTIES EXTERNAL_OBJECT ON GENERATED ON)
     target_sources(fraja_${room} PRIVATE ${closed})
+    set_property(TARGET fraja_${room} APPEND PROPERTY FRAJA_CLOSED_KERNELS ${closed})
 endfunction()
 
 function(fraja_kernel_objects room)

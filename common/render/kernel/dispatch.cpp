@@ -48,8 +48,10 @@ Result<const KernelEntry*> choose_entry(std::string_view isa) {
                      "use --kernel reference"};
     if (isa.empty())
         return entries.back();
-    const auto at = std::find_if(entries.begin(), entries.end(),
-                                 [&](const KernelEntry* e) { return isa == e->isa; });
+    const auto at = std::find_if(entries.begin(), entries.end(), [&](const KernelEntry* e) {
+        const std::string_view name = e->isa; // x86-64-v3, or v3
+        return isa == name || isa == name.substr(name.rfind('-') + 1);
+    });
     if (at != entries.end())
         return *at;
     std::string usable;

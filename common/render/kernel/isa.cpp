@@ -1,4 +1,7 @@
 // Compiled once per instruction set; FRAJA_KERNEL_ENTRY is the one name that leaves the object.
+#include "common/render/kernel/hits.hpp"
+#include "common/render/kernel/light.hpp"
+#include "common/render/kernel/samples.hpp"
 #include "common/render/kernel/tracer.hpp"
 
 #if !defined(FRAJA_KERNEL_ENTRY) || !defined(FRAJA_KERNEL_ISA)

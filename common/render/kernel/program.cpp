@@ -91,10 +91,18 @@ std::unique_ptr<const Program> Program::compile(const Scene& scene, const SolidL
 }
 
 bool Program::build(const Scene& scene) {
-    auto leaves = solids_.collect();
+    add_camera(scene);
+    const auto is_outside = [&](const Sphere& sphere) {
+        SphereSurface s{};
+        put(s.center, sphere.center - vec(tables_.center));
+        s.radius = std::abs(sphere.radius);
+        return all_of_screen([&](const Vec3& p, double margin) { return side_of(s, p) > margin; });
+    };
+    auto leaves = solids_.collect(is_outside);
     const auto ambient = refractive_index(scene, scene.world.ambient_volume);
     if (!leaves || !ambient)
         return false;
+    add_spheres_apart(solids_.take_spheres_apart());
     solid_leaves_ = std::move(*leaves);
     tables_.ambient_index = *ambient;
     put(tables_.ambient, scene.world.ambient_light);
@@ -103,11 +111,29 @@ bool Program::build(const Scene& scene) {
     add_leaves();
     add_relations();
     add_materials(scene);
-    add_camera(scene);
     find_features();
     add_lights(scene);
     point_tables();
     return true;
+}
+
+void Program::add_spheres_apart(std::vector<SphereApart> spheres) {
+    std::vector<SphereSurface> surfaces;
+    surfaces.reserve(spheres.size());
+    for (const SphereApart& apart : spheres) {
+        SphereSurface s{};
+        put(s.center, apart.sphere.center - vec(tables_.center));
+        s.radius = std::abs(apart.sphere.radius);
+        surfaces.push_back(s);
+    }
+    bvh_ = build_bvh(surfaces);
+    bvh_spheres_.reserve(surfaces.size());
+    bvh_materials_.reserve(surfaces.size());
+    for (const std::uint32_t i : bvh_.order) {
+        bvh_spheres_.push_back(surfaces[i]);
+        bvh_materials_.push_back(static_cast<std::uint32_t>(spheres[i].texture));
+    }
+    bvh_.order = {};
 }
 
 // ------------------------------------------------------------------------------ surfaces, leaves
@@ -150,6 +176,7 @@ void Program::add_surfaces() {
 
 void Program::add_leaves() {
     leaf_of_surface_.assign(collector_.size(), none);
+    entry_keys_.assign(collector_.size(), 0);
     for (const SolidLeaf& leaf : solid_leaves_)
         add_leaf(leaf);
     in_composite_ = std::make_unique<bool[]>(collector_.size());
@@ -177,6 +204,8 @@ void Program::add_leaf(const SolidLeaf& leaf) {
     else
         composite_leaves_.push_back(index);
     std::set<std::pair<std::uint32_t, bool>> seen;
+    if (simple && *simple == static_cast<std::int32_t>(index))
+        entry_keys_[leaf.inside.surface] = static_cast<std::uint32_t>(2 * patches_.size());
     for (const LeafSurface& s : leaf.surfaces)
         if (seen.insert({s.side.surface, s.side.negated}).second)
             patches_.push_back({index, s.side.surface, s.side.negated,
@@ -226,11 +255,29 @@ void Program::add_relations() {
     tables_.all_relations = count < 2 || related == count * (count - 1) / 2;
 }
 
-std::string Program::overlap_message(const Scene& scene, std::uint32_t leaf_a,
-                                     std::uint32_t leaf_b) const {
-    const SolidCollector::Parting p = solids_.parting(solid_leaves_[leaf_a], solid_leaves_[leaf_b]);
-    const SolidIndex set[] = {p.a, p.b};
-    return fraja::overlap_message(scene, p.priorities, set);
+std::string Program::overlap_message(const Scene& scene,
+                                     std::span<const std::uint32_t> leaves) const {
+    const auto parting = [&](std::uint32_t a, std::uint32_t b) {
+        return solids_.parting(solid_leaves_[a], solid_leaves_[b]);
+    };
+    for (const std::uint32_t a : leaves)
+        for (const std::uint32_t b : leaves) {
+            if (a >= b)
+                continue;
+            const SolidCollector::Parting p = parting(a, b);
+            const SolidIndex pair[] = {p.a, p.b};
+            if (!p.priorities.above(p.a, p.b) && !p.priorities.above(p.b, p.a))
+                return fraja::overlap_message(scene, p.priorities, pair);
+        }
+    // Each two are related: in a circle, at the place where the first ones part.
+    const SolidCollector::Parting first = parting(leaves[0], leaves[1]);
+    std::vector<SolidIndex> members{first.a};
+    for (const std::uint32_t leaf : leaves.subspan(1))
+        if (const auto p = parting(leaves[0], leaf);
+            &p.priorities == &first.priorities &&
+            std::find(members.begin(), members.end(), p.b) == members.end())
+            members.push_back(p.b);
+    return fraja::overlap_message(scene, first.priorities, members);
 }
 
 // --------------------------------------------------------------------------------- what is seen
@@ -332,8 +379,10 @@ Holds holds_at(const Expression& e, const Side& side) {
 
 } // namespace
 
-/// Whether some ray may start within a leaf: on the screen, which is a rectangle, or two.
-bool Program::camera_may_be_inside() const {
+/// Whether f(p, margin) holds for places p that have every ray's start within their margin: on the
+/// screen, which is a rectangle, or two.
+template <class F>
+bool Program::all_of_screen(F&& f) const {
     const CameraTable& c = tables_.camera;
     constexpr int parts = 4; // of the screen, each way
     const Vec3 part_across = vec(c.rightwards) / double{parts};
@@ -344,16 +393,22 @@ bool Program::camera_may_be_inside() const {
         for (const Vec3& eye : {aside, -aside}) {
             const Vec3 p = vec(c.top_left) + (0.5 + i % parts) * part_across +
                            (0.5 + i / parts) * part_down + eye;
-            const double margin = part_radius + 1e-9 * length(p);
-            const auto side = [&](std::uint32_t surface) {
-                const double d = side_of_surface(surface, p);
-                return d > margin ? Holds::never : d < -margin ? Holds::always : Holds::sometimes;
-            };
-            for (const SolidLeaf& leaf : solid_leaves_)
-                if (holds_at(leaf.inside, side) != Holds::never)
-                    return true;
+            if (!f(p, part_radius + 1e-9 * length(p)))
+                return false;
         }
-    return false;
+    return true;
+}
+
+bool Program::camera_may_be_inside() const {
+    return !all_of_screen([&](const Vec3& p, double margin) {
+        const auto side = [&](std::uint32_t surface) {
+            const double d = side_of_surface(surface, p);
+            return d > margin ? Holds::never : d < -margin ? Holds::always : Holds::sometimes;
+        };
+        return std::all_of(solid_leaves_.begin(), solid_leaves_.end(), [&](const SolidLeaf& leaf) {
+            return holds_at(leaf.inside, side) == Holds::never;
+        });
+    });
 }
 
 void Program::find_features() {
@@ -365,6 +420,8 @@ void Program::find_features() {
         tables_.mirrors |= in.mirror || out.mirror;
         enterable |= out.glass;
     }
+    for (const std::uint32_t material : bvh_materials_)
+        tables_.mirrors |= materials_[material].mirror;
     for (std::uint32_t surface = 0; surface < collector_.size(); ++surface) {
         std::set<std::uint32_t> leaves;
         for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)
@@ -441,13 +498,17 @@ void Program::point_tables() {
     t.leaves = leaves_.data(), t.leaf_count = count(leaves_);
     t.nodes = nodes_.data();
     t.leaf_of_surface = leaf_of_surface_.data();
+    t.entry_keys = entry_keys_.data();
     t.composite_leaves = composite_leaves_.data();
     t.composite_leaf_count = count(composite_leaves_);
     t.in_composite = in_composite_.get();
     t.patches = patches_.data(), t.users = users_.data(), t.user_begin = user_begin_.data();
     t.shows_in = relations_.data();
     t.displaced_by = relations_.data() + std::size_t{t.leaf_count} * t.leaf_words;
-    t.materials = materials_.data();
+    t.bvh = bvh_.nodes.empty() ? nullptr : bvh_.nodes.data();
+    t.bvh_spheres = bvh_spheres_.data(), t.bvh_materials = bvh_materials_.data();
+    t.bvh_sphere_count = count(bvh_spheres_);
+    t.materials = materials_.data(), t.material_count = count(materials_);
     t.lights = lights_.data(), t.light_count = count(lights_);
 }
 

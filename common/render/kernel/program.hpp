@@ -1,11 +1,13 @@
 // A scene made into tables.
 #pragma once
 
+#include "common/render/kernel/bvh.hpp"
 #include "common/render/kernel/solids.hpp"
 #include "common/render/kernel/tables.hpp"
 #include "common/scene/scene.hpp"
 
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -21,14 +23,16 @@ public:
     Program& operator=(const Program&) = delete;
 
     [[nodiscard]] const Tables& tables() const { return tables_; }
-    /// What to tell the scene's author about two leaves, of which neither displaces the other.
-    [[nodiscard]] std::string overlap_message(const Scene& scene, std::uint32_t leaf_a,
-                                              std::uint32_t leaf_b) const;
+    /// What to tell the scene's author about leaves (two at least) that overlap, of which none
+    /// displaces all others.
+    [[nodiscard]] std::string overlap_message(const Scene& scene,
+                                              std::span<const std::uint32_t> leaves) const;
 
 private:
     Program(const Scene& scene, const SolidLimits& limits, const Vec3& center);
     bool build(const Scene& scene);
 
+    void add_spheres_apart(std::vector<SphereApart> spheres);
     void add_surfaces();
     void add_leaves();
     void add_leaf(const SolidLeaf& leaf);
@@ -40,6 +44,8 @@ private:
     void add_camera(const Scene& scene);
     void find_features();
     [[nodiscard]] bool camera_may_be_inside() const;
+    template <class F>
+    [[nodiscard]] bool all_of_screen(F&& f) const;
     [[nodiscard]] double side_of_surface(std::uint32_t surface, const Vec3& p) const;
     void point_tables();
 
@@ -47,11 +53,14 @@ private:
     SolidCollector solids_;
     std::vector<SolidLeaf> solid_leaves_;
 
+    Bvh bvh_;
+    std::vector<SphereSurface> bvh_spheres_;
+    std::vector<std::uint32_t> bvh_materials_;
     SurfaceCollector::Sorted surfaces_;
     std::vector<Leaf> leaves_;
     std::vector<Node> nodes_;
     std::vector<std::int32_t> leaf_of_surface_;
-    std::vector<std::uint32_t> composite_leaves_;
+    std::vector<std::uint32_t> entry_keys_, composite_leaves_;
     std::unique_ptr<bool[]> in_composite_;
     std::vector<Patch> patches_;
     std::vector<std::uint32_t> users_, user_begin_;

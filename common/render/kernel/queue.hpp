@@ -1,6 +1,7 @@
 // Rays waiting to be traced, as columns of numbers.
 #pragma once
 
+#include "common/render/kernel/packet.hpp"
 #include "common/render/kernel/roots.hpp"
 #include "common/render/kernel/tables.hpp"
 #include "common/render/kernel/wide.hpp"
@@ -27,7 +28,7 @@ enum Column : std::size_t {
     column_count
 };
 
-/// Rays of the same depth. Each column has room for a last, partly used group of lanes.
+/// Rays of the same depth. Each column has room for a last, partly used packet.
 class RayQueue {
 public:
     explicit RayQueue(std::uint32_t surface_words) : words_(surface_words) {}
@@ -37,9 +38,9 @@ public:
     /// Loses what it holds.
     void reserve(std::size_t count) {
         size_ = 0;
-        if (count + lanes <= capacity_)
+        if (count + packet_rays <= capacity_)
             return;
-        capacity_ = (count + 2 * lanes - 1) / lanes * lanes;
+        capacity_ = (count + 2 * packet_rays - 1) / packet_rays * packet_rays;
         reals_.assign(column_count * capacity_, 0.0);
         owners_.assign(capacity_, none);
         fillers_.assign(capacity_, none);
@@ -58,9 +59,11 @@ public:
 
     /// One more ray, to be filled in; there must be room.
     std::size_t add() { return size_++; }
+    /// To be filled in, all of them; there must be room.
+    void resize(std::size_t count) { size_ = count; }
     /// One more, a copy.
-    void add(RayQueue& from, std::size_t i) {
-        const std::size_t to = add();
+    void add(RayQueue& from, std::size_t i) { put(add(), from, i); }
+    void put(std::size_t to, RayQueue& from, std::size_t i) {
         for (std::size_t c = 0; c < column_count; ++c)
             reals(static_cast<Column>(c))[to] = from.reals(static_cast<Column>(c))[i];
         owners()[to] = from.owners()[i];
@@ -69,9 +72,9 @@ public:
         for (std::uint32_t w = 0; w < words_; ++w)
             inside(w)[to] = from.inside(w)[i];
     }
-    /// Fills the last group of lanes up with copies of the last ray. Not empty.
+    /// Fills the last packet up with copies of the last ray. Not empty.
     void pad() {
-        for (std::size_t n = size_; n % lanes != 0; ++n) {
+        for (std::size_t n = size_; n % packet_rays != 0; ++n) {
             for (std::size_t c = 0; c < column_count; ++c)
                 reals(static_cast<Column>(c))[n] = reals(static_cast<Column>(c))[size_ - 1];
             owners()[n] = owners()[size_ - 1];

@@ -50,18 +50,67 @@ FRAJA_WIDE Wide2 chord_end(Wide2 middle, Wide2 half, Crossing crossing) {
     return middle + select(crossing.on_surface, middle, signed_half);
 }
 
-FRAJA_WIDE WideHit hit_on(const SphereSurface& s, Wide3 origin, Wide3 dir, Crossing crossing) {
-    const Wide3 center = all_lanes3(s.center);
+/// A sphere in each lane.
+struct WideSphere {
+    Wide3 center;
+    Wide radius;
+};
+
+/// In double-double arithmetic throughout: for starts so near that t is lost otherwise.
+[[gnu::noinline]] WideHit near_hit_on(const WideSphere& s, Wide3 origin, Wide3 dir,
+                                      Crossing crossing) {
+    const Wide3 center = s.center;
     const Wide32 f = difference(origin, center);
     const Wide2 a = dot2(dir, dir);
     const Wide2 middle = -(dot(f, dir) / a);
     const Wide32 nearest = f + middle * dir;
-    const Wide r = all_lanes(s.radius);
+    const Wide r = s.radius;
     const Wide2 half = square_root(not_negative((two_product(r, r) - dot(nearest, nearest)) / a));
     const Wide2 t = chord_end(middle, half, crossing);
-    const Wide3 local = rounded(f + t * dir);
-    const Wide3 normal = normalized(local);
+    const Wide3 normal = normalized(rounded(f + t * dir));
     return {time_of(t), center + r * normal, normal};
+}
+
+/// The part of `f` across `dir`, which need not be quite unit: f - middle * dir, without
+/// cancellation; and middle itself.
+struct Across {
+    Wide3 nearest;
+    Wide middle;
+};
+FRAJA_WIDE Across across(Wide32 f, Wide3 dir) {
+    const Wide2 along = compensated_dot(f, dir);
+    // middle = along / |dir|^2, of which |dir|^2 is 1 but for the last bits.
+    const Wide excess = excess_over_one(dir);
+    const Wide high = along.high;
+    const Wide low = along.low - high * excess;
+    const auto part = [&](Wide2 c, Wide d) {
+        const Wide2 p = two_product(high, d);
+        return (c.high - p.high) + ((c.low - p.low) - low * d);
+    };
+    return {{part(f.x, dir.x), part(f.y, dir.y), part(f.z, dir.z)}, high + low};
+}
+
+FRAJA_WIDE WideHit hit_on(const WideSphere& s, Wide3 origin, Wide3 dir, Crossing crossing) {
+    const Wide3 center = s.center;
+    const Across a = across(difference(origin, center), dir);
+    const Wide r = s.radius;
+    const Wide half = select(crossing.on_surface, -a.middle,
+                             square_root(greater(r * r - dot(a.nearest, a.nearest), Wide{})));
+    const Wide signed_half = select(crossing.outwards | crossing.on_surface, half, -half);
+    const Wide t = signed_half - a.middle;
+    const Wide3 normal = normalized(a.nearest + signed_half * dir);
+    WideHit hit{greater(t, Wide{}), center + r * normal, normal};
+    const Mask near = (t < 0.0625 * r) & ~crossing.on_surface;
+    if (any(near)) {
+        const WideHit exact = near_hit_on(s, origin, dir, crossing);
+        hit = {select(near, exact.t, hit.t), select(near, exact.place, hit.place),
+               select(near, exact.normal, hit.normal)};
+    }
+    return hit;
+}
+
+FRAJA_WIDE WideHit hit_on(const SphereSurface& s, Wide3 origin, Wide3 dir, Crossing crossing) {
+    return hit_on(WideSphere{all_lanes3(s.center), all_lanes(s.radius)}, origin, dir, crossing);
 }
 
 FRAJA_WIDE WideHit hit_on(const PlaneSurface& s, Wide3 origin, Wide3 dir, Crossing) {

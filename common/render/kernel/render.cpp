@@ -4,6 +4,7 @@
 #include "common/render/kernel/dispatch.hpp"
 #include "common/render/kernel/program.hpp"
 
+#include <span>
 #include <utility>
 
 namespace fraja::kernel {
@@ -11,15 +12,15 @@ namespace {
 
 class KernelScene final : public CompiledScene {
 public:
-    KernelScene(std::shared_ptr<const Scene> scene, std::unique_ptr<const Program> program)
-        : scene_(std::move(scene)), program_(std::move(program)) {}
+    KernelScene(Result<const KernelEntry*> entry, std::shared_ptr<const Scene> scene,
+                std::unique_ptr<const Program> program)
+        : entry_(std::move(entry)), scene_(std::move(scene)), program_(std::move(program)) {}
 
     Result<RenderedTile> render_tile(const RenderSettings& settings, PixelRect rect,
                                      RenderControl& control) const override {
         FRAJA_ASSERT(!rect.empty() && rect.inside(settings.size));
-        const Result<const KernelEntry*> entry = chosen_entry();
-        if (!entry)
-            return entry.error();
+        if (!entry_)
+            return entry_.error();
 
         RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}};
         result.tile.rgb.resize(3 * rect.pixel_count());
@@ -35,16 +36,16 @@ public:
                           .cut = {cut.x, cut.y, cut.z},
                           .rgb = result.tile.rgb.data()};
         const TileControl tile_control{&control, &report};
-        const TileResult drawn = (*entry)->render_tile(program_->tables(), job, tile_control);
+        const TileResult drawn = (*entry_)->render_tile(program_->tables(), job, tile_control);
         switch (drawn.end) {
         case TileEnd::drawn:
             break;
         case TileEnd::stopped:
             return Error{ErrorCode::cancelled, "stopped before the tile was drawn"};
         case TileEnd::unresolved_overlap:
-            return Error{
-                ErrorCode::unresolved_overlap,
-                program_->overlap_message(*scene_, drawn.overlapping[0], drawn.overlapping[1])};
+            return Error{ErrorCode::unresolved_overlap,
+                         program_->overlap_message(
+                             *scene_, std::span(drawn.overlapping).first(drawn.overlapping_count))};
         }
         const TileCounts& n = drawn.counts;
         result.rays = {.camera = n.camera,
@@ -66,17 +67,31 @@ private:
         return !control.stop.load(std::memory_order_relaxed);
     }
 
+    Result<const KernelEntry*> entry_;
     std::shared_ptr<const Scene> scene_;
     std::unique_ptr<const Program> program_;
 };
 
+std::shared_ptr<const CompiledScene> compile_with(Result<const KernelEntry*> entry,
+                                                  std::shared_ptr<const Scene> scene,
+                                                  const SolidLimits& limits) {
+    auto program = Program::compile(*scene, limits);
+    if (!program)
+        return nullptr;
+    return std::make_shared<const KernelScene>(std::move(entry), std::move(scene),
+                                               std::move(program));
+}
+
 } // namespace
 
 std::shared_ptr<const CompiledScene> compile(std::shared_ptr<const Scene> scene) {
-    auto program = Program::compile(*scene);
-    if (!program)
-        return nullptr;
-    return std::make_shared<const KernelScene>(std::move(scene), std::move(program));
+    return compile_with(chosen_entry(), std::move(scene), {});
+}
+
+std::shared_ptr<const CompiledScene> compile_for(const KernelEntry& entry,
+                                                 std::shared_ptr<const Scene> scene,
+                                                 const SolidLimits& limits) {
+    return compile_with(&entry, std::move(scene), limits);
 }
 
 Result<std::string> instruction_set() {

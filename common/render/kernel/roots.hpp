@@ -77,44 +77,58 @@ FRAJA_WIDE Roots roots_of(const SphereSurface& s, const WideRays& ray, Mask on_s
     return {chord.middle - half, chord.middle + half, chord.middle, real, ~Mask{}};
 }
 
-FRAJA_WIDE Roots roots_of(const CylinderSurface& s, const WideRays& ray, Mask on_surface) {
+/// a t^2 + 2 b t + c, of which the discriminant b^2 - a c is computed in Lagrange's form, and c
+/// only where it is needed.
+struct Quadratic {
+    Wide a, b, discriminant;
+};
+
+FRAJA_WIDE Quadratic quadratic_of(const CylinderSurface& s, const WideRays& ray) {
     const Wide3 axis = all_lanes3(s.axis);
     const Wide3 f = ray.origin - all_lanes3(s.origin);
     const Wide3 n = cross(ray.dir, axis);
-    const Wide3 g = cross(f, axis);
     const Wide a = dot(n, n);
-    const Wide b = dot(g, n);
     const Wide w = dot(f, n);
-    const Wide n_length = square_root(a);
-    const Wide disc = (s.radius * n_length - w) * (s.radius * n_length + w);
-    const Mask real = ((disc >= 0) | on_surface) & (a > 0);
-    const Wide half = select(on_surface, magnitude(b), square_root(greater(disc, Wide{})));
-    const Wide per_a = 1.0 / a;
+    const Wide b = dot(f, ray.dir) - dot(f, axis) * dot(ray.dir, axis);
+    return {a, b, (s.radius * s.radius) * a - w * w};
+}
+
+FRAJA_WIDE Roots roots_of(const CylinderSurface& s, const WideRays& ray, Mask on_surface) {
+    const Quadratic q = quadratic_of(s, ray);
+    const Mask real = ((q.discriminant >= 0) | on_surface) & (q.a > 0);
+    const Wide half =
+        select(on_surface, magnitude(q.b), square_root(greater(q.discriminant, Wide{})));
+    const Wide per_a = 1.0 / q.a;
     // Parallel to the axis it never leaves: an inside ray's way out is infinitely far.
-    return {select(real, (-b - half) * per_a, never()), select(real, (-b + half) * per_a, never()),
-            -b, real | (a == 0), ~Mask{}};
+    return {select(real, (-q.b - half) * per_a, never()),
+            select(real, (half - q.b) * per_a, never()), -q.b, real | (q.a == 0), ~Mask{}};
+}
+
+FRAJA_WIDE Wide entry_of(const CylinderSurface& s, std::int64_t index, const WideRays& ray) {
+    const Quadratic q = quadratic_of(s, ray);
+    const Mask hit =
+        (q.discriminant >= 0) & (q.b < 0) & (q.a > 0) & (ray.owner != all_lanes(index));
+    if (!any(hit))
+        return never();
+    const Wide half = square_root(greater(q.discriminant, Wide{}));
+    return select(hit, greater((-q.b - half) / q.a, Wide{}), never());
 }
 
 FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_surface) {
     const Wide3 axis = all_lanes3(s.axis);
     const Wide3 f = ray.origin - all_lanes3(s.origin);
     const Wide3 n = cross(ray.dir, axis);
-    const Wide3 g = cross(f, axis);
     const Wide along_dir = dot(ray.dir, axis);
     const Wide along_f = dot(f, axis);
     const Wide3 e = along_dir * f - along_f * ray.dir;
-    const Wide n_length = square_root(dot(n, n));
-    const Wide g_length = square_root(dot(g, g));
-    const Wide slope_dir = s.slope * magnitude(along_dir);
-    const Wide slope_f = s.slope * magnitude(along_f);
-    const Wide a = (n_length - slope_dir) * (n_length + slope_dir);
-    const Wide b = dot(g, n) - s.slope_squared * along_dir * along_f;
-    const Wide c = select(on_surface, Wide{}, (g_length - slope_f) * (g_length + slope_f));
+    const Wide3 g = cross(f, axis);
     const Wide w = dot(f, n);
-    const Wide e_length = s.slope * square_root(dot(e, e));
-    const Wide disc = (e_length - w) * (e_length + w);
-    const Mask real = (disc >= 0) | on_surface;
-    const Wide half = select(on_surface, magnitude(b), square_root(greater(disc, Wide{})));
+    const Wide a = dot(n, n) - s.slope_squared * (along_dir * along_dir);
+    const Wide b = dot(g, n) - s.slope_squared * (along_dir * along_f);
+    const Wide discriminant = s.slope_squared * dot(e, e) - w * w;
+    const Wide c = select(on_surface, Wide{}, dot(g, g) - s.slope_squared * (along_f * along_f));
+    const Mask real = (discriminant >= 0) | on_surface;
+    const Wide half = select(on_surface, magnitude(b), square_root(greater(discriminant, Wide{})));
     const Wide q = select(b < 0, half - b, -b - half);
     const Wide one = q / a;
     const Wide other = select(q == 0, Wide{}, c / q);
@@ -174,6 +188,8 @@ FRAJA_WIDE Wide entry_of(const Surface& s, std::int64_t index, const WideRays& r
 FRAJA_WIDE Wide entry_of(const SphereSurface& s, std::int64_t index, const WideRays& ray) {
     const HalfChord chord = half_chord(s, ray);
     const Mask hit = (chord.squared >= 0) & (chord.middle > 0) & (ray.owner != all_lanes(index));
+    if (!any(hit))
+        return never();
     const Wide low = chord.middle - square_root(greater(chord.squared, Wide{}));
     return select(hit, greater(low, Wide{}), never());
 }

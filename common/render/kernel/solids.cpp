@@ -17,10 +17,48 @@ std::optional<double> refractive_index(const Scene& scene, const Volume& volume)
     return std::get<IsotropicVolume>(*v).refractive_index;
 }
 
-std::optional<std::vector<SolidLeaf>> SolidCollector::collect() {
+std::optional<std::vector<SolidLeaf>>
+SolidCollector::collect(const std::function<bool(const Sphere&)>& is_outside) {
+    find_spheres_apart(is_outside);
     if (!collect(scene_.world.solid))
         return std::nullopt;
     return std::move(leaves_);
+}
+
+const BasicTexturedForm* SolidCollector::lone_opaque_sphere(const BasicSolid& solid) const {
+    const auto* form =
+        std::get_if<BasicTexturedForm>(&scene_.textured_forms[as_size(solid.textured_form)]);
+    if (!form || !std::holds_alternative<Sphere>(scene_.forms[as_size(form->form)]))
+        return nullptr;
+    const Texture& outside = scene_.textures[as_size(form->texture_out)];
+    const auto* plain = std::get_if<PlainTexture>(&outside);
+    const Rgb& ktg = plain ? plain->local.ktg : std::get<ChequeredTexture>(outside).kt;
+    return ktg == Rgb{} ? form : nullptr;
+}
+
+/// A scene with priorities has none: where a solid displaces others, all are leaves.
+void SolidCollector::find_spheres_apart(const std::function<bool(const Sphere&)>& is_outside) {
+    std::vector<std::uint8_t> uses(scene_.forms.size(), 0); // of a form, up to 2
+    for (const TexturedForm& textured : scene_.textured_forms)
+        if (const auto* basic = std::get_if<BasicTexturedForm>(&textured))
+            uses[as_size(basic->form)] =
+                static_cast<std::uint8_t>(std::min(uses[as_size(basic->form)] + 1, 2));
+    std::size_t count = 0;
+    std::vector<bool> candidates(scene_.solids.size(), false);
+    for (std::size_t i = 0; i < scene_.solids.size(); ++i) {
+        if (const auto* aggregate = std::get_if<Aggregate>(&scene_.solids[i]);
+            aggregate && !aggregate->priorities.empty())
+            return;
+        const auto* basic = std::get_if<BasicSolid>(&scene_.solids[i]);
+        const BasicTexturedForm* form = basic ? lone_opaque_sphere(*basic) : nullptr;
+        if (!form || uses[as_size(form->form)] > 1 ||
+            !is_outside(std::get<Sphere>(scene_.forms[as_size(form->form)])))
+            continue;
+        candidates[i] = true;
+        ++count;
+    }
+    if (count >= limits_.spheres_apart_min)
+        is_apart_ = std::move(candidates);
 }
 
 bool SolidCollector::collect(SolidIndex index) {
@@ -47,6 +85,11 @@ bool SolidCollector::collect(const Aggregate& aggregate) {
 }
 
 bool SolidCollector::collect(const BasicSolid& solid, SolidIndex index) {
+    if (!is_apart_.empty() && is_apart_[as_size(index)]) {
+        const BasicTexturedForm& form = *lone_opaque_sphere(solid);
+        apart_.push_back({std::get<Sphere>(scene_.forms[as_size(form.form)]), form.texture_out});
+        return true;
+    }
     const std::optional<double> volume = refractive_index(scene_, solid.volume);
     if (!volume || leaves_.size() == limits_.leaves)
         return false;

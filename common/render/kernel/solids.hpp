@@ -7,7 +7,7 @@
 #include "common/scene/scene.hpp"
 
 #include <cstdint>
-#include <memory>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -32,11 +32,19 @@ struct SolidLeaf {
     double refractive_index = 1;
 };
 
+/// A solid that is one opaque sphere, and that no ray can be inside of.
+struct SphereApart {
+    Sphere sphere; ///< world space
+    TextureIndex texture{};
+};
+
 /// How much a scene may hold to be drawn with rays that carry a bit per surface.
 struct SolidLimits {
     std::size_t leaves = 4096;
     std::size_t surfaces = 4096;
     std::size_t leaf_surfaces = 65536; ///< of all leaves together
+    // Spheres apart do not count.
+    std::size_t spheres_apart_min = 24; ///< fewer are not worth a hierarchy
 };
 
 /// The leaves of a scene. Surfaces have numbers of collection.
@@ -46,7 +54,11 @@ public:
         : scene_(scene), limits_(limits), surfaces_(surfaces) {}
 
     /// Nothing when the scene is beyond the limits or has a volume that is an aggregate.
-    [[nodiscard]] std::optional<std::vector<SolidLeaf>> collect();
+    /// `is_outside(sphere)` answers whether no camera ray starts within it.
+    [[nodiscard]] std::optional<std::vector<SolidLeaf>>
+    collect(const std::function<bool(const Sphere&)>& is_outside);
+    /// Of the last collect(), taken out.
+    [[nodiscard]] std::vector<SphereApart> take_spheres_apart() { return std::move(apart_); }
 
     /// Whether a scene's author put the member that holds `a` above the one that holds `b`, where
     /// their ways part. Of the leaves of the last collect().
@@ -60,15 +72,19 @@ public:
     [[nodiscard]] Parting parting(const SolidLeaf& a, const SolidLeaf& b) const;
 
 private:
+    void find_spheres_apart(const std::function<bool(const Sphere&)>& is_outside);
+    [[nodiscard]] const BasicTexturedForm* lone_opaque_sphere(const BasicSolid& solid) const;
     bool collect(SolidIndex index);
     bool collect(const BasicSolid& solid, SolidIndex index);
     bool collect(const Aggregate& aggregate);
     Expression expression(TexturedFormIndex index, bool complement);
 
     const Scene& scene_;
-    const SolidLimits& limits_;
+    SolidLimits limits_;
     SurfaceCollector& surfaces_;
     std::vector<SolidLeaf> leaves_;
+    std::vector<bool> is_apart_; ///< by solid; empty when there are too few
+    std::vector<SphereApart> apart_;
     std::vector<SolidLeaf::Step> path_;
     std::vector<LeafSurface> leaf_surfaces_; ///< of the leaf at work
     std::size_t leaf_surface_count_ = 0;

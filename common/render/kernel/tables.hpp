@@ -41,6 +41,23 @@ struct ConeSurface {
     double scaled_cosine[2]; ///< |direction|^2 cos^2 of that angle: high and low part
 };
 
+// ----------------------------------------------------------------------------------- many spheres
+//
+// Opaque spheres, each a solid of its own, that no ray can be inside of, stand apart when there are
+// many: in a hierarchy of boxes. Their boxes are floats, rounded outwards.
+
+inline constexpr std::size_t bvh_width = 8;
+/// Boxes within boxes, at most.
+inline constexpr std::size_t bvh_levels_max = 96;
+/// Boxes that wait while a ray looks into the nearest.
+inline constexpr std::size_t bvh_stack_max = (bvh_width - 1) * bvh_levels_max + 1;
+
+struct alignas(64) BvhNode {
+    float low[3][bvh_width], high[3][bvh_width]; ///< by axis; an empty box for no child
+    /// A node; of leaves the complement of (first sphere * 8 + spheres - 1).
+    std::int32_t child[bvh_width];
+};
+
 // --------------------------------------------------------------------------------- leaves, patches
 
 /// What a leaf is made of: a formula over the sides of surfaces, as a tree.
@@ -112,6 +129,8 @@ struct Tables {
     const Node* nodes;
     /// The leaf that is the inside of a surface, by surface; none.
     const std::int32_t* leaf_of_surface;
+    /// The key of a hit where that leaf is entered: twice the patch.
+    const std::uint32_t* entry_keys;
     /// The others.
     const std::uint32_t* composite_leaves;
     std::uint32_t composite_leaf_count;
@@ -134,7 +153,13 @@ struct Tables {
     bool shared_surfaces; ///< some surface is part of two leaves
     std::uint32_t surface_words, leaf_words; ///< of 64 bits each
 
+    const BvhNode* bvh; ///< the root; null without
+    const SphereSurface* bvh_spheres;
+    const std::uint32_t* bvh_materials; ///< of each sphere's outside
+    std::uint32_t bvh_sphere_count;     ///< their surfaces are numbered on from surface_count
+
     const Material* materials;
+    std::uint32_t material_count;
     const Light* lights;
     std::uint32_t light_count;
     double ambient[3], background[3];
@@ -173,10 +198,14 @@ struct TileControl {
 
 enum class TileEnd : std::uint8_t { drawn, stopped, unresolved_overlap };
 
+inline constexpr std::size_t overlapping_max = 64;
+
 struct TileResult {
     TileEnd end = TileEnd::drawn;
     TileCounts counts;
-    std::uint32_t overlapping[2] = {}; ///< leaves, of which neither displaces the other
+    /// Leaves that a ray was in, of which none displaces all others; the first ones, if many.
+    std::uint32_t overlapping[overlapping_max] = {};
+    std::uint32_t overlapping_count = 0;
 };
 
 /// An instruction set's kernel.

@@ -116,34 +116,6 @@ inline std::int32_t filler_of(const Tables& tables, WordOf&& word_of) {
     return is_empty ? none : filler;
 }
 
-/// Two leaves of a set without a filler, neither of which displaces the other; if there are no such
-/// two, some.
-template <class WordOf>
-inline void overlapping_pair(const Tables& tables, WordOf&& word_of, std::uint32_t (&pair)[2]) {
-    const std::uint32_t words = tables.leaf_words;
-    const auto displaces = [&](std::int32_t a, std::int32_t b) {
-        return (tables.displaced_by[static_cast<std::size_t>(a) * words +
-                                    (static_cast<std::uint32_t>(b) >> 6)] >>
-                    (b & 63) &
-                1) != 0;
-    };
-    bool found = false;
-    std::int32_t first = none;
-    for_each_bit(words, word_of, [&](std::int32_t a) {
-        for_each_bit(words, word_of, [&](std::int32_t b) {
-            if (a == b)
-                return true;
-            if (first == none || (!displaces(a, b) && !displaces(b, a))) {
-                first = a;
-                pair[0] = static_cast<std::uint32_t>(a), pair[1] = static_cast<std::uint32_t>(b);
-                found = !displaces(a, b) && !displaces(b, a);
-            }
-            return !found;
-        });
-        return !found;
-    });
-}
-
 /// Wide rays' crossings with the surfaces, and what follows from them. One thread's.
 class Walker {
 public:
@@ -159,9 +131,11 @@ public:
         WideInt leaf;    ///< none where there is nothing
         WideInt surface; ///< of it
     };
-    /// The first change nearer than `limit` in what fills the space, of rays that are outside of
-    /// everything.
+    /// The first entry into a leaf nearer than `limit`, of rays that are outside of everything.
+    /// Where its leaf is none, but not its surface, it is the one of that surface.
     Found first_entry(const WideRays& rays, Wide limit);
+    /// Which active ones of them have any.
+    Mask meets_anything(const WideRays& rays, Mask active, Wide limit);
     /// Of rays in bits(), where `filler` fills the space (none; unresolved). A change that is the
     /// filler's is where a ray leaves it, any other where it enters.
     Found first_change(const WideRays& rays, WideInt filler, Wide limit);
@@ -184,6 +158,8 @@ private:
     static Moment before_start() { return {all_lanes(-1.0), all_lanes(std::int64_t{none})}; }
     Moment next_time(const Node& node, bool wanted, Moment from);
     Moment next_time_of_literal(const Node& node, bool wanted, Moment from);
+    template <class Surface>
+    void keep_sided_crossings(const Surface& surface, std::int64_t index, const WideRays& rays);
     Mask holds(const Node& node, const WideInt* bits);
     Moment next_time_of_part(const Node& node, bool wanted, Moment from);
     void consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates, WideInt filler);
@@ -267,24 +243,46 @@ Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
     const WideInt nothing = all_lanes(std::int64_t{none});
     Found found{limit, nothing, nothing};
     for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
-        const std::int32_t leaf = tables_.leaf_of_surface[index];
-        if (leaf != none)
-            consider(found, {entry_of(surface, index, rays), all_lanes(index)}, leaf, ~Mask{},
-                     nothing);
-        if (tables_.in_composite[index]) {
-            const auto s = static_cast<std::size_t>(index);
-            const SidedCrossings c = sided_crossings_of(surface, index, rays);
-            first_[s] = c.crossings.first, second_[s] = c.crossings.second;
-            inside_[s] = c.inside;
+        if (tables_.leaf_of_surface[index] != none) {
+            const Wide entry = entry_of(surface, index, rays);
+            const Mask nearer = entry < found.t;
+            found.t = select(nearer, entry, found.t);
+            found.surface = select(nearer, all_lanes(index), found.surface);
         }
+        if (tables_.in_composite[index])
+            keep_sided_crossings(surface, index, rays);
     });
-    const Moment start = before_start();
     for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
         const std::uint32_t leaf = tables_.composite_leaves[i];
-        const Moment entry = next_time(tables_.leaves[leaf].root, true, start);
+        const Moment entry = next_time(tables_.leaves[leaf].root, true, before_start());
         consider(found, entry, leaf, entry.surface != nothing, nothing);
     }
     return found;
+}
+
+Mask Walker::meets_anything(const WideRays& rays, Mask active, Wide limit) {
+    Mask clear = active;
+    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+        if (tables_.leaf_of_surface[index] != none)
+            clear &= ~(entry_of(surface, index, rays) < limit);
+        if (tables_.in_composite[index])
+            keep_sided_crossings(surface, index, rays);
+    });
+    for (std::uint32_t i = 0; i < tables_.composite_leaf_count && any(clear); ++i) {
+        const Node& root = tables_.leaves[tables_.composite_leaves[i]].root;
+        const Moment entry = next_time(root, true, before_start());
+        clear &= ~((entry.t < limit) & (entry.surface != all_lanes(std::int64_t{none})));
+    }
+    return active & ~clear;
+}
+
+template <class Surface>
+FRAJA_WIDE void Walker::keep_sided_crossings(const Surface& surface, std::int64_t index,
+                                             const WideRays& rays) {
+    const auto s = static_cast<std::size_t>(index);
+    const SidedCrossings c = sided_crossings_of(surface, index, rays);
+    first_[s] = c.crossings.first, second_[s] = c.crossings.second;
+    inside_[s] = c.inside;
 }
 
 /// Of each lane: whether a leaf shows when it is entered where that filler fills the space.

@@ -15,6 +15,7 @@ namespace fraja::kernel {
 namespace { // each instruction set has its own
 
 #if defined(__AVX512F__) && defined(__AVX512DQ__)
+#define FRAJA_AVX512
 constexpr int lanes = 8;
 #elif defined(__AVX2__)
 constexpr int lanes = 4;
@@ -59,7 +60,7 @@ FRAJA_WIDE WideInt select(Mask m, WideInt yes, WideInt no) {
 
 /// One bit per lane, of those that are set.
 FRAJA_WIDE unsigned bits_of(Mask m) {
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#if defined(FRAJA_AVX512)
     return _mm512_movepi64_mask(reinterpret_cast<__m512i>(m));
 #elif defined(__AVX2__)
     return static_cast<unsigned>(_mm256_movemask_pd(reinterpret_cast<__m256d>(m)));
@@ -84,7 +85,7 @@ FRAJA_WIDE Mask mask_of(unsigned bits) {
 constexpr unsigned every_lane = (1u << lanes) - 1;
 
 FRAJA_WIDE Wide square_root(Wide x) {
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#if defined(FRAJA_AVX512)
     return reinterpret_cast<Wide>(_mm512_maskz_sqrt_pd(0xff, reinterpret_cast<__m512d>(x)));
 #elif defined(__AVX2__)
     return reinterpret_cast<Wide>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(x)));
@@ -97,7 +98,7 @@ FRAJA_WIDE Wide square_root(Wide x) {
 #endif
 }
 FRAJA_WIDE Wide round_down(Wide x) {
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#if defined(FRAJA_AVX512)
     return reinterpret_cast<Wide>(
         _mm512_maskz_roundscale_pd(0xff, reinterpret_cast<__m512d>(x), 0x09));
 #elif defined(__AVX2__)
@@ -182,7 +183,7 @@ FRAJA_WIDE Wide2 quick_two_sum(Wide a, Wide b) { // |a| >= |b|: Dekker
 /// Dekker's product, with or without a fused multiply-add.
 FRAJA_WIDE Wide2 two_product(Wide a, Wide b) {
     const Wide p = a * b;
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#if defined(FRAJA_AVX512)
     return {p, reinterpret_cast<Wide>(_mm512_fmsub_pd(reinterpret_cast<__m512d>(a),
                                                       reinterpret_cast<__m512d>(b),
                                                       reinterpret_cast<__m512d>(p)))};
@@ -245,6 +246,27 @@ FRAJA_WIDE Wide2 dot(Wide32 a, Wide32 b) {
 }
 FRAJA_WIDE Wide2 dot2(Wide3 a, Wide3 b) {
     return (two_product(a.x, b.x) + two_product(a.y, b.y)) + two_product(a.z, b.z);
+}
+/// As good as in twice the precision, then rounded to high + low. T. Ogita, S. Rump, S. Oishi,
+/// "Accurate Sum and Dot Product" (2005).
+FRAJA_WIDE Wide2 compensated_dot(Wide32 a, Wide3 b) {
+    const Wide2 x = two_product(a.x.high, b.x);
+    const Wide2 y = two_product(a.y.high, b.y);
+    const Wide2 z = two_product(a.z.high, b.z);
+    const Wide2 xy = two_sum(x.high, y.high);
+    const Wide2 xyz = two_sum(xy.high, z.high);
+    const Wide errors = ((x.low + y.low) + z.low) + (xy.low + xyz.low);
+    const Wide lows = (a.x.low * b.x + a.y.low * b.y) + a.z.low * b.z;
+    return {xyz.high, errors + lows};
+}
+/// |v|^2 - 1 of a vector whose length is 1 but for rounding, with most of its digits.
+FRAJA_WIDE Wide excess_over_one(Wide3 v) {
+    const Wide2 x = two_product(v.x, v.x);
+    const Wide2 y = two_product(v.y, v.y);
+    const Wide2 z = two_product(v.z, v.z);
+    const Wide2 xy = two_sum(x.high, y.high);
+    const Wide2 xyz = two_sum(xy.high, z.high);
+    return (xyz.high - 1) + (((x.low + y.low) + z.low) + (xy.low + xyz.low));
 }
 FRAJA_WIDE Wide32 operator-(Wide32 a, Wide32 b) {
     return {a.x - b.x, a.y - b.y, a.z - b.z};

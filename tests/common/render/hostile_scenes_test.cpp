@@ -1,4 +1,5 @@
 // Scenes from a seed: whatever their numbers, every picture is drawn, and of numbers.
+#include "tests/common/render/kernel_under_test.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/random_scene.hpp"
 #include "tests/support/scene_builder.hpp"
@@ -13,7 +14,7 @@ namespace {
 /// Draws it and checks that every float is a number, not negative and not infinite. A priority may
 /// be missing, since there are none.
 void check_picture(const Scene& scene, const RenderSettings& settings) {
-    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), Kernel::reference);
+    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), kernel_under_test);
     const auto drawn =
         draw(*compiled, settings, {0, 0, settings.size.width, settings.size.height}, 1);
     if (!drawn) {

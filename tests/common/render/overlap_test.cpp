@@ -1,5 +1,6 @@
 // Where solids overlap: priorities, and what is said when one is missing. FORMAT.md, section 8.6.
 #include "common/scene/raj_reader.hpp"
+#include "tests/common/render/kernel_under_test.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/scene_builder.hpp"
 
@@ -11,7 +12,7 @@ namespace {
 
 Result<RenderedTile> draw_pixel(const Scene& scene, std::uint32_t depth = 5) {
     RenderControl control;
-    return compile_scene(std::make_shared<const Scene>(scene), Kernel::reference)
+    return compile_scene(std::make_shared<const Scene>(scene), kernel_under_test)
         ->render_tile({.size = {1, 1}, .depth = depth}, {0, 0, 1, 1}, control);
 }
 
@@ -28,7 +29,7 @@ TEST_CASE("a missing priority that a ray needs is an error that names both solid
     const auto scene = read_raj_file(std::filesystem::path(FRAJA_SOURCE_DIR) /
                                      "scenes/overlap_without_priority.raj");
     REQUIRE(scene.has_value());
-    const auto compiled = compile_scene(std::make_shared<const Scene>(*scene), Kernel::reference);
+    const auto compiled = compile_scene(std::make_shared<const Scene>(*scene), kernel_under_test);
     const auto drawn = draw(*compiled, {.size = {320, 240}});
     REQUIRE(!drawn.has_value());
     CHECK(drawn.error().code == ErrorCode::unresolved_overlap);
@@ -140,7 +141,7 @@ TEST_CASE("a solid as a volume has the solid's index") {
         const auto s = b.solid(Sphere{{0, 0.3, 0.2}, 1}, glass(), volume);
         b.aggregate({s});
         RenderControl control;
-        const auto tile = compile_scene(std::make_shared<const Scene>(b.scene), Kernel::reference)
+        const auto tile = compile_scene(std::make_shared<const Scene>(b.scene), kernel_under_test)
                               ->render_tile({.size = {16, 16}}, {0, 0, 16, 16}, control);
         REQUIRE(tile.has_value());
         return tile->tile;
@@ -161,7 +162,7 @@ TEST_CASE("an aggregate as a volume has the index of what fills the point, else 
         const Volume set = b.aggregate({dense, denser}, {{dense, denser}});
         b.solid(ball, glass(), what == What::aggregate ? set : IsotropicVolume{index});
         RenderControl control;
-        const auto tile = compile_scene(std::make_shared<const Scene>(b.scene), Kernel::reference)
+        const auto tile = compile_scene(std::make_shared<const Scene>(b.scene), kernel_under_test)
                               ->render_tile({.size = {8, 8}, .depth = 2}, {3, 3, 1, 1}, control);
         REQUIRE(tile.has_value());
         return tile->tile.rgb[0];

@@ -1,5 +1,6 @@
 // Where Raja's rendering dies (FORMAT.md, section 13), drawn as is meant.
 #include "common/render/cut_level.hpp"
+#include "tests/common/render/kernel_under_test.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/scene_builder.hpp"
 
@@ -12,7 +13,7 @@ namespace {
 
 /// All of the picture's floats; checks that each is a number, and none negative or infinite.
 std::vector<float> picture(const Scene& scene, const RenderSettings& settings) {
-    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), Kernel::reference);
+    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), kernel_under_test);
     const auto drawn = draw(*compiled, settings);
     REQUIRE(drawn.has_value());
     for (const float component : drawn->film.pixels()) {

@@ -1,4 +1,5 @@
 // The promises of render_tile: the same bits however a picture is cut, stopping, counting.
+#include "tests/common/render/kernel_under_test.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/scene_builder.hpp"
 #include "tests/support/seeds.hpp"
@@ -16,14 +17,14 @@ namespace {
 std::shared_ptr<const CompiledScene> compile_file(const std::string& name) {
     auto scene = read_raj_file(std::filesystem::path(FRAJA_SOURCE_DIR) / "scenes" / name);
     REQUIRE(scene.has_value());
-    return compile_scene(std::make_shared<const Scene>(std::move(*scene)), Kernel::reference);
+    return compile_scene(std::make_shared<const Scene>(std::move(*scene)), kernel_under_test);
 }
 
 /// A ball, half in view.
 std::shared_ptr<const CompiledScene> small_scene() {
     SceneBuilder b;
     b.solid(Sphere{{0, 0.5, 0}, 1}, matte(0.5));
-    return compile_scene(std::make_shared<const Scene>(b.scene), Kernel::reference);
+    return compile_scene(std::make_shared<const Scene>(b.scene), kernel_under_test);
 }
 
 TEST_CASE("a pixel's bits do not depend on the tile it is drawn in") {
@@ -100,7 +101,7 @@ TEST_CASE("a tile is cancelled before its first ray when the stop is set") {
 
 /// Draws one pixel that would take years; stops it as soon as it is under way.
 Result<RenderedTile> draw_for_a_moment(const Scene& scene, const RenderSettings& settings) {
-    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), Kernel::reference);
+    const auto compiled = compile_scene(std::make_shared<const Scene>(scene), kernel_under_test);
     RenderControl control;
     std::jthread owner([&] {
         using namespace std::chrono_literals;

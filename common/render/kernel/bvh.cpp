@@ -1,0 +1,233 @@
+#include "common/render/kernel/bvh.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+namespace fraja::kernel {
+namespace {
+
+constexpr std::uint32_t leaf_spheres_max = 4;
+constexpr std::size_t bins = 16;
+/// Below so many levels halves are split, not areas: spheres can be placed so that each split by
+/// area parts off one. 2^32 spheres make 32 levels more.
+constexpr std::uint32_t area_levels_max = bvh_levels_max - 32;
+/// What a step through a node costs, in tests of a sphere.
+constexpr double node_cost = 1.0;
+
+struct Box {
+    std::array<double, 3> low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
+
+    void add(const Box& o) {
+        for (std::size_t c = 0; c < 3; ++c) {
+            low[c] = std::min(low[c], o.low[c]);
+            high[c] = std::max(high[c], o.high[c]);
+        }
+    }
+    [[nodiscard]] double half_area() const {
+        const double x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
+        return x < 0 ? 0 : x * y + y * z + z * x;
+    }
+};
+
+Box point_box(const std::array<double, 3>& p) {
+    return {p, p};
+}
+Box box_of(const SphereSurface& s) {
+    Box box;
+    for (std::size_t c = 0; c < 3; ++c)
+        box.low[c] = s.center[c] - s.radius, box.high[c] = s.center[c] + s.radius;
+    return box;
+}
+
+/// A node of the hierarchy two ways.
+struct Binary {
+    Box box;
+    std::uint32_t begin = 0, count = 0; ///< spheres in order
+    std::uint32_t left = 0, right = 0;  ///< 0: a leaf
+    std::uint32_t level = 0;
+};
+
+class Builder {
+public:
+    explicit Builder(const std::vector<SphereSurface>& spheres) : spheres_(spheres) {
+        bvh_.order.resize(spheres.size());
+        std::iota(bvh_.order.begin(), bvh_.order.end(), 0u);
+    }
+
+    Bvh build() {
+        if (spheres_.empty())
+            return std::move(bvh_);
+        binary_.reserve(spheres_.size());
+        divide(add(0, static_cast<std::uint32_t>(spheres_.size())));
+        bvh_.nodes.emplace_back();
+        widen(0, 0);
+        return std::move(bvh_);
+    }
+
+private:
+    std::uint32_t add(std::uint32_t begin, std::uint32_t count) {
+        Binary node;
+        node.begin = begin, node.count = count;
+        for (std::uint32_t i = begin; i < begin + count; ++i)
+            node.box.add(box_of(spheres_[bvh_.order[i]]));
+        binary_.push_back(node);
+        return static_cast<std::uint32_t>(binary_.size() - 1);
+    }
+
+    [[nodiscard]] double center(std::uint32_t nth, std::size_t axis) const {
+        return spheres_[bvh_.order[nth]].center[axis];
+    }
+
+    void divide(std::uint32_t root) {
+        std::vector<std::uint32_t> open{root};
+        while (!open.empty()) {
+            const std::uint32_t index = open.back();
+            open.pop_back();
+            const std::uint32_t begin = binary_[index].begin, count = binary_[index].count;
+            const std::uint32_t left_count = split(index);
+            if (left_count == 0)
+                continue;
+            const std::uint32_t left = add(begin, left_count);
+            const std::uint32_t right = add(begin + left_count, count - left_count);
+            binary_[index].left = left, binary_[index].right = right;
+            binary_[left].level = binary_[right].level = binary_[index].level + 1;
+            open.push_back(left), open.push_back(right);
+        }
+    }
+
+    /// Reorders the spheres of a node; how many go left. 0: it stays a leaf.
+    std::uint32_t split(std::uint32_t index) {
+        const Binary& node = binary_[index];
+        if (node.count <= 1)
+            return 0;
+        Box centers;
+        for (std::uint32_t i = node.begin; i < node.begin + node.count; ++i)
+            centers.add(point_box({center(i, 0), center(i, 1), center(i, 2)}));
+        std::size_t axis = 0;
+        for (std::size_t c = 1; c < 3; ++c)
+            if (centers.high[c] - centers.low[c] > centers.high[axis] - centers.low[axis])
+                axis = c;
+        const double low = centers.low[axis], extent = centers.high[axis] - low;
+        if (!(extent > 0) || !std::isfinite(extent) || node.level >= area_levels_max)
+            return node.count <= leaf_spheres_max ? 0 : node.count / 2;
+
+        const double scale = static_cast<double>(bins) / extent;
+        const auto bin_of = [&](std::uint32_t nth) {
+            const auto b = static_cast<std::size_t>((center(nth, axis) - low) * scale);
+            return std::min(b, bins - 1);
+        };
+        std::array<Box, bins> boxes;
+        std::array<std::uint32_t, bins> counts{};
+        for (std::uint32_t i = node.begin; i < node.begin + node.count; ++i) {
+            const std::size_t b = bin_of(i);
+            boxes[b].add(box_of(spheres_[bvh_.order[i]]));
+            ++counts[b];
+        }
+        std::array<double, bins> right_cost{}; // of the bins from one on
+        Box right;
+        std::uint32_t right_count = 0;
+        for (std::size_t b = bins - 1; b > 0; --b) {
+            right.add(boxes[b]);
+            right_count += counts[b];
+            right_cost[b] = right.half_area() * right_count;
+        }
+        Box left;
+        std::uint32_t left_count = 0, best_count = 0;
+        std::size_t best = 0;
+        double best_cost = std::numeric_limits<double>::infinity();
+        for (std::size_t b = 1; b < bins; ++b) {
+            left.add(boxes[b - 1]);
+            left_count += counts[b - 1];
+            const double cost = left.half_area() * left_count + right_cost[b];
+            if (left_count > 0 && left_count < node.count && cost < best_cost)
+                best = b, best_cost = cost, best_count = left_count;
+        }
+        const double area = node.box.half_area();
+        if (node.count <= leaf_spheres_max && node_cost * area + best_cost >= area * node.count)
+            return 0;
+        const auto first = bvh_.order.begin() + node.begin;
+        std::stable_partition(first, first + node.count, [&](std::uint32_t sphere) {
+            const auto b = static_cast<std::size_t>((spheres_[sphere].center[axis] - low) * scale);
+            return std::min(b, bins - 1) < best;
+        });
+        return best_count;
+    }
+
+    /// Makes the wide node of a binary one: its largest descendants, opened until there are eight.
+    void widen(std::uint32_t from, std::uint32_t to) {
+        struct Open {
+            std::uint32_t from, to;
+        };
+        std::vector<Open> open{{from, to}};
+        while (!open.empty()) {
+            const Open at = open.back();
+            open.pop_back();
+            std::vector<std::uint32_t> children{at.from};
+            for (;;) {
+                std::size_t largest = children.size();
+                double area = -1;
+                for (std::size_t i = 0; i < children.size(); ++i) {
+                    const Binary& child = binary_[children[i]];
+                    if (child.left != 0 && child.box.half_area() > area)
+                        largest = i, area = child.box.half_area();
+                }
+                if (largest == children.size() || children.size() == bvh_width)
+                    break;
+                const Binary& opened = binary_[children[largest]];
+                children[largest] = opened.left;
+                children.push_back(opened.right);
+            }
+            BvhNode node = empty_node();
+            for (std::size_t i = 0; i < children.size(); ++i) {
+                const Binary& child = binary_[children[i]];
+                set_box(node, i, child.box);
+                if (child.left == 0) {
+                    node.child[i] =
+                        ~static_cast<std::int32_t>(child.begin << 3 | (child.count - 1));
+                    continue;
+                }
+                node.child[i] = static_cast<std::int32_t>(bvh_.nodes.size());
+                open.push_back({children[i], static_cast<std::uint32_t>(bvh_.nodes.size())});
+                bvh_.nodes.emplace_back();
+            }
+            bvh_.nodes[at.to] = node;
+        }
+    }
+
+    static BvhNode empty_node() {
+        BvhNode node{};
+        for (int c = 0; c < 3; ++c)
+            for (std::size_t i = 0; i < bvh_width; ++i) {
+                node.low[c][i] = std::numeric_limits<float>::infinity();
+                node.high[c][i] = -std::numeric_limits<float>::infinity();
+            }
+        return node;
+    }
+
+    static void set_box(BvhNode& node, std::size_t i, const Box& box) {
+        constexpr float infinity = std::numeric_limits<float>::infinity();
+        for (std::size_t c = 0; c < 3; ++c) { // rounded outwards
+            const auto low = static_cast<float>(box.low[c]);
+            const auto high = static_cast<float>(box.high[c]);
+            node.low[c][i] =
+                static_cast<double>(low) > box.low[c] ? std::nextafter(low, -infinity) : low;
+            node.high[c][i] =
+                static_cast<double>(high) < box.high[c] ? std::nextafter(high, infinity) : high;
+        }
+    }
+
+    const std::vector<SphereSurface>& spheres_;
+    std::vector<Binary> binary_;
+    Bvh bvh_;
+};
+
+} // namespace
+
+Bvh build_bvh(const std::vector<SphereSurface>& spheres) {
+    return Builder(spheres).build();
+}
+
+} // namespace fraja::kernel

@@ -1,0 +1,281 @@
+// The light that a wave's hits send back, and the rays they send on. FORMAT.md, section 6.
+#pragma once
+
+#include "common/render/kernel/tracer.hpp"
+
+#include <algorithm>
+
+namespace fraja::kernel {
+namespace {
+
+/// Wide hits with one material.
+struct TileTracer::Group {
+    const Patch* patch; ///< null: on spheres that stand apart
+    const Material* material;
+    bool leaving;
+    const std::uint32_t* index; ///< of the rays; the last one stands for unused lanes
+    Mask active;
+};
+
+/// Wide rays at a surface.
+struct TileTracer::Incidence {
+    Group group;
+    WideInt owner; ///< the surface
+    Wide3 dir;
+    WideHit hit;      ///< its normal points out of the leaf
+    Wide cosine;      ///< of normal and ray
+    Wide3 mirror_dir; ///< not normalised
+    Wide3 coefficient;
+    Wide3 kd;
+};
+
+inline void TileTracer::shade() {
+    next_.reserve(2 * wave_.rays.size());
+    const std::size_t n = wave_.rays.size();
+    for (std::size_t begin = 0; begin < n && going_on();) {
+        const std::uint32_t key = keys_[order_[begin]];
+        const std::size_t end = key_begin_[key]; // sort_hits left there where the key ends
+        if (key == miss_key())
+            add_background(order_.data() + begin, end - begin);
+        else
+            for (std::size_t i = begin; i < end && going_on(); i += packet_rays)
+                shade_packet(key, order_.data() + i, std::min<std::size_t>(packet_rays, end - i));
+        begin = end;
+    }
+}
+
+inline void TileTracer::add_background(const std::uint32_t* index, std::size_t count) {
+    RayQueue& rays = wave_.rays;
+    for (std::size_t i = 0; i < count; ++i) {
+        double* radiance = radiance_.data() + 3 * rays.samples()[index[i]];
+        radiance[0] += tables_.background[0] * rays.reals(red)[index[i]];
+        radiance[1] += tables_.background[1] * rays.reals(green)[index[i]];
+        radiance[2] += tables_.background[2] * rays.reals(blue)[index[i]];
+    }
+}
+
+inline void TileTracer::shade_packet(std::uint32_t key, const std::uint32_t* index,
+                                     std::size_t count) {
+    std::uint32_t padded[packet_rays];
+    for (std::size_t i = 0; i < packet_rays; ++i)
+        padded[i] = index[std::min(i, count - 1)];
+    const bool apart = key >= patch_keys();
+    const Patch* const patch = apart ? nullptr : tables_.patches + key / 2;
+    const bool leaving = !apart && (key & 1) != 0;
+    const std::uint32_t material = apart     ? key - patch_keys()
+                                   : leaving ? patch->material_in
+                                             : patch->material_out;
+    const int groups = static_cast<int>((count + lanes - 1) / lanes);
+    Incidence at[packet_groups] = {};
+    for (int g = 0; g < groups; ++g) {
+        const std::size_t used =
+            std::min<std::size_t>(lanes, count - static_cast<std::size_t>(lanes * g));
+        at[g] = meet({patch, tables_.materials + material, leaving, padded + lanes * g,
+                      mask_of((1u << used) - 1)});
+    }
+    result_.counts.shaded += count;
+    add_light(at, groups);
+    if (wave_.depth > 1)
+        for (int g = 0; g < groups; ++g)
+            send_on(at[g]);
+}
+
+inline TileTracer::Incidence TileTracer::meet(const Group& group) {
+    RayQueue& rays = wave_.rays;
+    const auto column = [&](Column c) { return gather(rays.reals(c), group.index); };
+    const Wide3 origin{column(origin_x), column(origin_y), column(origin_z)};
+    const Wide3 dir{column(dir_x), column(dir_y), column(dir_z)};
+    const WideInt owner = gather(rays.owners(), group.index);
+    Incidence at{};
+    at.group = group;
+    at.dir = dir;
+    at.coefficient = {column(red), column(green), column(blue)};
+    if (const Patch* patch = group.patch) {
+        at.owner = all_lanes(std::int64_t{patch->surface});
+        const Mask outwards = group.leaving != patch->flipped ? ~Mask{} : Mask{};
+        at.hit = with_surface(tables_, patch->surface, [&](const auto& surface) {
+            return hit_on(surface, origin, dir, {outwards, owner == at.owner});
+        });
+        if (patch->flipped)
+            at.hit.normal = -at.hit.normal;
+    } else {
+        WideSphere spheres{};
+        for (int lane = 0; lane < lanes; ++lane) {
+            const std::uint32_t sphere = spheres_met_[group.index[lane]];
+            const SphereSurface& s = tables_.bvh_spheres[sphere];
+            spheres.center.x[lane] = s.center[0], spheres.center.y[lane] = s.center[1];
+            spheres.center.z[lane] = s.center[2], spheres.radius[lane] = s.radius;
+            at.owner[lane] = std::int64_t{tables_.surface_count} + sphere;
+        }
+        at.hit = hit_on(spheres, origin, dir, {Mask{}, owner == at.owner});
+    }
+    at.cosine = dot(at.hit.normal, dir);
+    at.mirror_dir = dir + (-2 * at.cosine) * at.hit.normal;
+    at.kd = diffuse_at(*group.material, at.hit.place, tables_.center);
+    return at;
+}
+
+/// Local light (6.3), times what becomes of it on the way to the eye.
+inline void TileTracer::add_light(Incidence* at, int groups) {
+    const Material& material = *at->group.material;
+    const bool leaving = at->group.leaving;
+    Wide3 sum[packet_groups];
+    for (int g = 0; g < groups; ++g)
+        sum[g] = all_lanes3(tables_.ambient) * at[g].kd;
+    for (std::uint32_t i = 0; i < tables_.light_count && material.lit; ++i) {
+        const Light& light = tables_.lights[i];
+        Packet shadows;
+        Wide cosine[packet_groups];
+        Mask lit[packet_groups];
+        for (int g = 0; g < groups; ++g) {
+            Wide3 to_light = all_lanes3(light.to);
+            shadows.t[g] = never();
+            if (light.point) {
+                const Wide3 way = to_light - at[g].hit.place;
+                shadows.t[g] = square_root(dot(way, way));
+                to_light = (1.0 / shadows.t[g]) * way;
+            }
+            shadows.rays[g] = {at[g].hit.place, to_light, at[g].owner};
+            cosine[g] = dot(at[g].hit.normal, to_light);
+            if (leaving)
+                cosine[g] = -cosine[g];
+            lit[g] = at[g].group.active & (cosine[g] > 0);
+        }
+        cast_shadows(light, at, groups, shadows, lit);
+        const Wide3 rgb = all_lanes3(light.rgb);
+        for (int g = 0; g < groups; ++g) {
+            if (!any(lit[g]))
+                continue;
+            Wide3 add = (cosine[g] * rgb) * at[g].kd;
+            if (material.shiny) {
+                const Wide h = highlight(dot(shadows.rays[g].dir, at[g].mirror_dir), material.ns);
+                add = add + (h * rgb) * all_lanes3(material.krl);
+            }
+            sum[g] = sum[g] + select(lit[g], add, Wide3{});
+        }
+    }
+    for (int g = 0; g < groups; ++g) {
+        const Wide3 light = sum[g] * at[g].coefficient;
+        const auto used = __builtin_popcount(bits_of(at[g].group.active));
+        for (int lane = 0; lane < used; ++lane) {
+            double* radiance = radiance_.data() + 3 * wave_.rays.samples()[at[g].group.index[lane]];
+            radiance[0] += light.x[lane], radiance[1] += light.y[lane];
+            radiance[2] += light.z[lane];
+        }
+    }
+}
+
+/// Of the lanes that a light could light, leaves those that it does.
+inline void TileTracer::cast_shadows(const Light& light, const Incidence* at, int groups,
+                                     Packet& shadows, Mask* lit) {
+    std::uint64_t count = 0;
+    unsigned outside = 0;
+    for (int g = 0; g < groups; ++g) {
+        WideInt filler = all_lanes(std::int64_t{none});
+        if (tables_.stateful) {
+            filler = gather(wave_.rays.fillers(), at[g].group.index);
+            if (light.within_known) // another volume's light has to cross a surface
+                lit[g] &= filler == all_lanes(std::int64_t{light.within});
+        }
+        if (!any(lit[g]))
+            continue;
+        count += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
+        if (!tables_.stateful) {
+            lit[g] &= ~walker_.meets_anything(shadows.rays[g], lit[g], shadows.t[g]);
+        } else {
+            for (std::uint32_t w = 0; w < tables_.surface_words; ++w)
+                walker_.bits()[w] = gather(wave_.rays.inside(w), at[g].group.index);
+            const Mask blocked =
+                walker_.first_change(shadows.rays[g], filler, shadows.t[g]).leaf >= 0;
+            const unsigned lost =
+                bits_of(blocked & lit[g] & (filler == all_lanes(std::int64_t{unresolved})));
+            if (lost != 0)
+                fail_overlap(LaneSet(walker_.find_leaves(), __builtin_ctz(lost)));
+            lit[g] &= ~blocked;
+        }
+        outside |= bits_of(lit[g] & (filler == all_lanes(std::int64_t{none}))) << (g * lanes);
+    }
+    result_.counts.shadow += count;
+    result_.counts.form_tests += count * tables_.surface_count;
+    report(count);
+    if (!tables_.bvh || outside == 0)
+        return;
+    for (int g = groups; g < packet_groups; ++g) // not looked at, but read
+        shadows.rays[g] = shadows.rays[0], shadows.t[g] = shadows.t[0];
+    const unsigned blocked = spheres_.find_blocked(shadows, outside);
+    for (int g = 0; g < groups; ++g)
+        lit[g] &= ~mask_of(blocked >> (g * lanes) & every_lane);
+}
+
+/// The refracted and the reflected rays.
+inline void TileTracer::send_on(const Incidence& at) {
+    const Material& m = *at.group.material;
+    Wide3 mirrored = all_lanes3(m.krg);
+    Wide3 refracted_dir = at.dir, refracted_coefficient{};
+    Mask refracts{};
+    if (m.glass) {
+        const Wide3 ktg = all_lanes3(m.ktg);
+        const Mask transmits = at.group.active & ~below_cut(ktg * at.coefficient);
+        if (any(transmits)) {
+            const Wide index_in = all_lanes(tables_.leaves[at.group.patch->leaf].refractive_index);
+            Wide index_out = all_lanes(tables_.ambient_index);
+            for (int lane = 0; lane < lanes; ++lane)
+                if (const std::int32_t beyond = sides_[at.group.index[lane]].beyond; beyond >= 0)
+                    index_out[lane] = tables_.leaves[beyond].refractive_index;
+            const WideRefraction r =
+                refract(at.dir, at.hit.normal, at.cosine, at.group.leaving, index_in, index_out);
+            const Mask same = index_in == index_out; // nothing bends the ray
+            const Wide reflectance = select(same, Wide{}, r.reflectance);
+            mirrored = select(transmits, mirrored + reflectance * ktg, mirrored);
+            refracted_coefficient = ((1 - reflectance) * ktg) * at.coefficient;
+            refracts = transmits & (same | ~r.total) & ~below_cut(refracted_coefficient);
+            refracted_dir = select(same, at.dir, normalized(r.dir));
+        }
+    }
+    const Wide3 reflected_coefficient = mirrored * at.coefficient;
+    const Mask reflects = at.group.active & ~below_cut(reflected_coefficient);
+    const unsigned refracting = bits_of(refracts), reflecting = bits_of(reflects);
+    if ((refracting | reflecting) == 0)
+        return;
+    const Wide3 mirror_dir = normalized(at.mirror_dir);
+
+    RayQueue& rays = wave_.rays;
+    const auto send = [&](int lane, const Wide3& dir, const Wide3& coefficient, bool crosses) {
+        const std::uint32_t from = at.group.index[lane];
+        const std::uint32_t sample = rays.samples()[from];
+        if (++rays_of_[sample] > rays_per_sample_max)
+            return;
+        const std::size_t to = next_.add();
+        next_.reals(origin_x)[to] = at.hit.place.x[lane];
+        next_.reals(origin_y)[to] = at.hit.place.y[lane];
+        next_.reals(origin_z)[to] = at.hit.place.z[lane];
+        next_.reals(dir_x)[to] = dir.x[lane];
+        next_.reals(dir_y)[to] = dir.y[lane];
+        next_.reals(dir_z)[to] = dir.z[lane];
+        next_.reals(red)[to] = coefficient.x[lane];
+        next_.reals(green)[to] = coefficient.y[lane];
+        next_.reals(blue)[to] = coefficient.z[lane];
+        next_.owners()[to] = at.owner[lane];
+        next_.samples()[to] = sample;
+        next_.fillers()[to] = crosses ? sides_[from].after : rays.fillers()[from];
+        for (std::uint32_t w = 0; w < rays.words(); ++w)
+            next_.inside(w)[to] = rays.inside(w)[from];
+        if (crosses) { // which only rays with state do
+            const std::uint32_t surface = at.group.patch->surface;
+            next_.inside(surface >> 6)[to] ^=
+                static_cast<std::int64_t>(std::uint64_t{1} << (surface & 63));
+        }
+        ++(crosses ? result_.counts.refracted : result_.counts.reflected);
+    };
+    // A lane's refracted ray before its reflected one: the order that sums follow.
+    for (unsigned left = refracting | reflecting; left != 0; left &= left - 1) {
+        const int lane = __builtin_ctz(left);
+        if (refracting >> lane & 1)
+            send(lane, refracted_dir, refracted_coefficient, true);
+        if (reflecting >> lane & 1)
+            send(lane, mirror_dir, reflected_coefficient, false);
+    }
+}
+
+} // namespace
+} // namespace fraja::kernel

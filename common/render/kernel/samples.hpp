@@ -1,0 +1,232 @@
+// From a tile to camera rays, and from samples to pixels.
+#pragma once
+
+#include "common/render/kernel/tracer.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace fraja::kernel {
+namespace {
+
+/// The last guard: absurd colours (1e300 times 1e300) must not put into a picture what is no
+/// number.
+inline float as_float(double radiance) {
+    constexpr float most = std::numeric_limits<float>::max();
+    if (!(radiance > 0))
+        return 0;
+    return radiance < static_cast<double>(most) ? static_cast<float>(radiance) : most;
+}
+
+/// Blocks are as square as they can be, so that their rays go the same way.
+inline std::uint32_t block_side(std::uint64_t samples_per_pixel) {
+    std::uint32_t side = 32;
+    while (side > 1 && side * side * samples_per_pixel > block_samples_max)
+        side /= 2;
+    return side;
+}
+
+inline TileResult TileTracer::draw() {
+    report_now(); // stopped already?
+    const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
+    const std::uint64_t per_pixel = n * n;
+    const std::uint32_t side = block_side(per_pixel);
+    for (std::uint32_t y = 0; y < job_.height; y += side)
+        for (std::uint32_t x = 0; x < job_.width; x += side)
+            for (std::uint64_t first = 0; first < per_pixel && going_on();
+                 first += block_samples_max)
+                draw_block({x, y, std::min(side, job_.width - x), std::min(side, job_.height - y),
+                            first, std::min<std::uint64_t>(per_pixel - first, block_samples_max)});
+    report_now();
+    result_.counts.box_tests += spheres_.box_tests();
+    result_.counts.form_tests += spheres_.form_tests();
+    return result_;
+}
+
+/// Calls f(column, row) for the pixels of a block in squares of four by four: a packet's, where a
+/// pixel has one sample.
+template <class F>
+inline void for_each_pixel(const Block& block, F&& f) {
+    constexpr std::uint32_t side = 4;
+    for (std::uint32_t y = 0; y < block.height; y += side)
+        for (std::uint32_t x = 0; x < block.width; x += side)
+            for (std::uint32_t row = y; row < std::min(y + side, block.height); ++row)
+                for (std::uint32_t column = x; column < std::min(x + side, block.width); ++column)
+                    f(block.x + column, block.y + row);
+}
+
+inline void TileTracer::draw_block(const Block& block) {
+    const std::size_t samples =
+        std::size_t{block.width} * block.height * static_cast<std::size_t>(block.count);
+    radiance_.assign(3 * samples, 0.0);
+    rays_of_.assign(samples, 0);
+    const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
+    if (job_.depth > 0 && seen) {
+        start_wave(block);
+        follow_waves();
+    }
+    const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
+    const double weight = 1.0 / static_cast<double>(per_pixel);
+    std::size_t sample = 0;
+    for_each_pixel(block, [&](std::uint32_t column, std::uint32_t row) {
+        for (std::uint64_t i = 0; i < block.count; ++i, ++sample) {
+            for (std::size_t c = 0; c < 3; ++c)
+                pixel_sum_[c] += radiance_[3 * sample + c];
+            pixel_truncated_ |= rays_of_[sample] > rays_per_sample_max;
+        }
+        if (block.first + block.count < per_pixel)
+            return;
+        float* const rgb = job_.rgb + 3 * (std::size_t{row} * job_.width + column);
+        for (std::size_t c = 0; c < 3; ++c)
+            rgb[c] = as_float(pixel_sum_[c] * weight), pixel_sum_[c] = 0;
+        result_.counts.truncated_pixels += pixel_truncated_;
+        pixel_truncated_ = false;
+    });
+}
+
+/// Raja's samples: a pixel's centre, or a regular grid, column by column. FORMAT.md, section 5.
+inline void TileTracer::start_wave(const Block& block) {
+    const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
+    const double dx = 1.0 / static_cast<double>(n * job_.picture_width);
+    const double dy = 1.0 / static_cast<double>(n * job_.picture_height);
+    const std::size_t samples = rays_of_.size();
+    wave_.depth = job_.depth;
+    wave_.rays.reserve(samples);
+    Wide x{}, y{};
+    std::size_t sample = 0;
+    for_each_pixel(block, [&](std::uint32_t column, std::uint32_t row) {
+        const double left = static_cast<double>(job_.x + column);
+        const double top = static_cast<double>(job_.y + row);
+        const double pixel_x =
+            job_.aa == 0 ? (left + 0.5) / job_.picture_width : 0.5 * dx + left / job_.picture_width;
+        const double pixel_y =
+            job_.aa == 0 ? (top + 0.5) / job_.picture_height : 0.5 * dy + top / job_.picture_height;
+        std::uint64_t kx = block.first / n, ky = block.first % n;
+        for (std::uint64_t i = 0; i < block.count; ++i, ++sample) {
+            const std::size_t lane = sample % lanes;
+            x[lane] = job_.aa == 0 ? pixel_x : pixel_x + static_cast<double>(kx) * dx;
+            y[lane] = job_.aa == 0 ? pixel_y : pixel_y + static_cast<double>(ky) * dy;
+            if (++ky == n)
+                ky = 0, ++kx;
+            wave_.rays.samples()[wave_.rays.add()] = static_cast<std::uint32_t>(sample);
+            ++rays_of_[sample];
+            if (lane == lanes - 1 || sample + 1 == samples)
+                camera_rays(x, y, sample - lane);
+        }
+    });
+    wave_.rays.pad();
+    result_.counts.camera += samples;
+}
+
+/// FORMAT.md, section 4. Fills a group of the wave's rays.
+inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
+    const CameraTable& camera = tables_.camera;
+    const Mask left_eye = x < 0.5;
+    if (camera.stereo)
+        x = select(left_eye, 2 * x, 2 * x - 1);
+    Wide3 place = (all_lanes3(camera.top_left) + x * all_lanes3(camera.rightwards)) +
+                  y * all_lanes3(camera.downwards);
+    Wide3 dir = normalized(place - all_lanes3(camera.origin));
+    const Wide length_squared = dot(dir, dir); // no number where the screen is at the eye
+    dir = select((length_squared > 0.5) & (length_squared < 2), dir, all_lanes3(camera.direction));
+    if (camera.stereo) {
+        const Wide3 aside = all_lanes3(camera.to_left_eye);
+        place = place + select(left_eye, aside, -aside);
+    }
+    RayQueue& rays = wave_.rays;
+    store(rays.reals(origin_x) + at, place.x), store(rays.reals(origin_y) + at, place.y);
+    store(rays.reals(origin_z) + at, place.z);
+    store(rays.reals(dir_x) + at, dir.x), store(rays.reals(dir_y) + at, dir.y);
+    store(rays.reals(dir_z) + at, dir.z);
+    for (const Column c : {red, green, blue})
+        store(rays.reals(c) + at, all_lanes(1.0));
+    store(rays.owners() + at, all_lanes(std::int64_t{none}));
+    store(rays.fillers() + at, all_lanes(std::int64_t{none}));
+    if (!tables_.stateful)
+        return;
+    walker_.find_inside(place, dir);
+    for (std::uint32_t w = 0; w < rays.words(); ++w)
+        store(rays.inside(w) + at, walker_.bits()[w]);
+    const WideInt* const leaves = walker_.find_leaves();
+    for (int lane = 0; lane < lanes; ++lane)
+        rays.fillers()[at + static_cast<std::size_t>(lane)] =
+            filler_of(tables_, LaneSet(leaves, lane));
+}
+
+// -------------------------------------------------------------------------------------- the waves
+
+inline void TileTracer::follow_waves() {
+    while (going_on()) {
+        if (wave_.rays.size() > 0) {
+            follow_wave();
+        } else {
+            if (waiting_.empty())
+                break;
+            wave_ = std::move(waiting_.back());
+            waiting_.pop_back();
+        }
+    }
+    waiting_.clear();
+}
+
+inline void TileTracer::follow_wave() {
+    if (wave_.rays.size() > wave_rays_max)
+        split_wave();
+    if (tables_.bvh && wave_.depth < job_.depth)
+        sort_by_direction();
+    trace();
+    if (!going_on())
+        return;
+    sort_hits();
+    shade();
+    std::swap(wave_.rays, next_);
+    --wave_.depth;
+    if (wave_.rays.size() > 0)
+        wave_.rays.pad();
+}
+
+/// Rays that go the same way, by octant, stand together: a packet of them meets the same boxes.
+inline void TileTracer::sort_by_direction() {
+    const std::size_t n = wave_.rays.size();
+    const auto octant = [&](std::size_t i) {
+        return (wave_.rays.reals(dir_x)[i] < 0 ? 1u : 0u) |
+               (wave_.rays.reals(dir_y)[i] < 0 ? 2u : 0u) |
+               (wave_.rays.reals(dir_z)[i] < 0 ? 4u : 0u);
+    };
+    std::size_t begin[9] = {};
+    for (std::size_t i = 0; i < n; ++i)
+        ++begin[octant(i) + 1];
+    for (int o = 0; o < 8; ++o)
+        begin[o + 1] += begin[o];
+    next_.reserve(n);
+    next_.resize(n);
+    for (std::size_t i = 0; i < n; ++i)
+        next_.put(begin[octant(i)]++, wave_.rays, i);
+    std::swap(wave_.rays, next_);
+    wave_.rays.pad();
+}
+
+/// Keeps a part of the wave small enough; the rest waits. A sample with few rays is never divided,
+/// and how one with many is divided depends on it alone.
+inline void TileTracer::split_wave() {
+    while (wave_.rays.size() > wave_rays_max) {
+        const std::size_t n = wave_.rays.size();
+        const std::uint32_t* samples = wave_.rays.samples();
+        const auto [low, high] = std::minmax_element(samples, samples + n);
+        const std::uint32_t middle = *low + (*high - *low) / 2;
+        const bool one_sample = *low == *high;
+        Wave now{RayQueue(tables_.surface_words), wave_.depth};
+        Wave later{RayQueue(tables_.surface_words), wave_.depth};
+        now.rays.reserve(n), later.rays.reserve(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            const bool first_part = one_sample ? i < n / 2 : samples[i] <= middle;
+            (first_part ? now : later).rays.add(wave_.rays, i);
+        }
+        now.rays.pad(), later.rays.pad();
+        waiting_.push_back(std::move(later));
+        wave_ = std::move(now);
+    }
+}
+
+} // namespace
+} // namespace fraja::kernel

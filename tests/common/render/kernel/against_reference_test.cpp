@@ -1,0 +1,69 @@
+// The clever checked against the obvious: random scenes, drawn with both kernels.
+#include "common/image/quantise.hpp"
+#include "tests/support/draw.hpp"
+#include "tests/support/random_scene.hpp"
+#include "tests/support/seeds.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <doctest/doctest.h>
+#include <memory>
+
+namespace fraja {
+namespace {
+
+#ifdef FRAJA_INSTRUMENTED // a build in which a ray is ten times as dear
+constexpr std::uint64_t scenes = 100;
+#else
+constexpr std::uint64_t scenes = 1'000;
+#endif
+
+struct Comparison {
+    std::size_t pixels = 0, clearly_different = 0; ///< by more than one level
+};
+
+Comparison compare(const Film& a, const Film& b) {
+    const auto ours = quantise(a.pixels()), theirs = quantise(b.pixels());
+    Comparison result;
+    for (std::size_t p = 0; p < ours.size(); p += 3) {
+        int most = 0;
+        for (std::size_t i = p; i < p + 3; ++i)
+            most = std::max(most, std::abs(int{ours[i]} - int{theirs[i]}));
+        ++result.pixels;
+        result.clearly_different += most > 1;
+    }
+    return result;
+}
+
+/// At most a thousandth of all pixels, and a hundredth of one scene's, may differ clearly.
+void check_scenes(const RandomSceneOptions& options, std::uint32_t depth) {
+    Comparison all;
+    std::uint64_t rays = 0, rays_of_reference = 0;
+    for_each_seed(scenes, [&](Rng& rng) {
+        const auto scene = std::make_shared<const Scene>(random_scene(rng, options));
+        const RenderSettings settings{.size = {32, 24}, .depth = depth};
+        const auto want = draw(*compile_scene(scene, Kernel::reference), settings);
+        const auto got = draw(*compile_scene(scene, Kernel::fast), settings);
+        REQUIRE(want.has_value());
+        REQUIRE(got.has_value());
+        const Comparison here = compare(got->film, want->film);
+        CHECK(100 * here.clearly_different <= here.pixels);
+        all.pixels += here.pixels, all.clearly_different += here.clearly_different;
+        rays += got->rays.traced(), rays_of_reference += want->rays.traced();
+    });
+    CHECK(1'000 * all.clearly_different <= all.pixels);
+    CHECK(rays > 0);
+    // Faint rays fall to this side or that of the cut by rounding.
+    CHECK(1'000 * std::max(rays, rays_of_reference) <= 1'001 * std::min(rays, rays_of_reference));
+}
+
+TEST_CASE("random scenes look the same with both kernels") {
+    check_scenes({}, 5);
+}
+
+TEST_CASE("so do scenes of nested aggregates and deep formulas") {
+    check_scenes({.members_max = 6, .csg_depth_max = 4, .aggregate_depth_max = 3}, 12);
+}
+
+} // namespace
+} // namespace fraja

@@ -1,0 +1,87 @@
+// What a scene does not need is not done: shown by the counters.
+#include "tests/support/draw.hpp"
+#include "tests/support/scene_builder.hpp"
+
+#include <doctest/doctest.h>
+#include <memory>
+
+namespace fraja {
+namespace {
+
+constexpr Extent size{32, 24};
+
+RayCounts counts(const Scene& scene, const RenderSettings& settings = {.size = size}) {
+    const auto drawn =
+        draw(*compile_scene(std::make_shared<const Scene>(scene), Kernel::fast), settings);
+    REQUIRE(drawn.has_value());
+    return drawn->rays;
+}
+
+/// A ball before the camera, and a lamp that it can see.
+SceneBuilder ball_and_lamp(const LocalTexture& texture, const Volume& volume = IsotropicVolume{1}) {
+    SceneBuilder b;
+    b.aggregate({b.solid(Sphere{{5, 0, 0}, 2}, texture, volume)});
+    b.scene.world.lights = {PointLight{{-5, 3, 8}, {0.5, 0.5, 0.5}}};
+    b.scene.world.ambient_light = {0.1, 0.1, 0.1};
+    b.scene.world.background_light = {1, 1, 1};
+    return b;
+}
+
+TEST_CASE("a ball under a lamp costs a shadow ray where it faces the lamp, and no more") {
+    const RayCounts n = counts(ball_and_lamp(matte(0.5)).scene);
+    CHECK(n.camera == size.width * size.height);
+    CHECK(n.shaded > 0);
+    CHECK(n.shadow > 0);
+    CHECK(n.shadow < n.shaded); // its dark side faces away
+    CHECK(n.reflected == 0);
+    CHECK(n.refracted == 0);
+}
+
+TEST_CASE("no lights, or black ones, and no shadow rays") {
+    SceneBuilder b = ball_and_lamp(matte(0.5));
+    b.scene.world.lights = {PointLight{{-5, 3, 8}, {0, 0, 0}}};
+    CHECK(counts(b.scene).shadow == 0);
+    b.scene.world.lights.clear();
+    CHECK(counts(b.scene).shadow == 0);
+}
+
+TEST_CASE(
+    "what light does not show on sends no shadow rays; what mirrors nothing, no mirror rays") {
+    LocalTexture dark = matte(0);
+    dark.krg = {0.5, 0.5, 0.5};
+    const RayCounts n = counts(ball_and_lamp(dark).scene);
+    CHECK(n.shadow == 0);
+    CHECK(n.reflected == n.shaded);
+    CHECK(counts(ball_and_lamp(matte(0.5)).scene).reflected == 0);
+}
+
+TEST_CASE("a light in another volume than a point is known to be hidden") {
+    LocalTexture clear = glass();
+    clear.kd = {0.2, 0.2, 0.2};
+    SceneBuilder b = ball_and_lamp(clear, IsotropicVolume{1});
+    const RayCounts outside = counts(b.scene, {.size = size, .depth = 2});
+    // Hits from within the ball: the lamp is outside. Every ray of depth 2 is such a hit.
+    const RayCounts first_hits = counts(b.scene, {.size = size, .depth = 1});
+    CHECK(outside.refracted > 0);
+    CHECK(outside.shadow == first_hits.shadow);
+}
+
+TEST_CASE("where indices are equal the same ray goes on, and nothing is reflected") {
+    LocalTexture clear = glass();
+    const RayCounts n = counts(ball_and_lamp(clear, IsotropicVolume{1}).scene,
+                               {.size = size, .depth = 8, .exact = true});
+    CHECK(n.refracted > 0);
+    CHECK(n.reflected == 0);
+    CHECK(counts(ball_and_lamp(clear, IsotropicVolume{1.5}).scene, {.size = size, .depth = 8})
+              .reflected > 0);
+}
+
+TEST_CASE("nothing under the cut level is followed") {
+    LocalTexture faint = matte(0.5);
+    faint.krg = {1e-4, 1e-4, 1e-4};
+    CHECK(counts(ball_and_lamp(faint).scene).reflected == 0);
+    CHECK(counts(ball_and_lamp(faint).scene, {.size = size, .exact = true}).reflected > 0);
+}
+
+} // namespace
+} // namespace fraja
