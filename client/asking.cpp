@@ -55,9 +55,9 @@ Instant Asking::next_deadline() const {
 void Asking::ask(Instant now, std::vector<Action>& actions) {
     ask_due_ = now + ask_repeat;
     if (found_)
-        actions.push_back(Send{protocol::CancelJob{job_}});
+        actions.emplace_back(Send{protocol::CancelJob{job_}});
     else
-        actions.push_back(Send{protocol::FindJob{question_.job}});
+        actions.emplace_back(Send{protocol::FindJob{question_.job}});
 }
 
 void Asking::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {

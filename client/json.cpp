@@ -16,9 +16,15 @@ std::string dumped(const Json& json) {
     return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-Json rays_object(const protocol::Rays& rays) {
-    return {{"camera", rays.camera}, {"reflected", rays.reflected}, {"refracted", rays.refracted},
-            {"shadow", rays.shadow}, {"traced", rays.traced()},     {"total", rays.total()}};
+/// Adds what the rays were and what they cost.
+void add_counts(Json& json, const protocol::Rays& rays) {
+    json["rays"] = {{"primary", rays.camera},      {"camera", rays.camera}, // its earlier name
+                    {"reflected", rays.reflected}, {"refracted", rays.refracted},
+                    {"shadow", rays.shadow},       {"traced", rays.traced()},
+                    {"total", rays.total()}};
+    json["tests"] = {{"box", rays.box_tests}, {"form", rays.form_tests}};
+    json["shaded"] = rays.shaded;
+    json["pixels"] = {{"skipped", rays.skipped_pixels}, {"truncated", rays.truncated_pixels}};
 }
 
 Json settings_object(const protocol::PictureSettings& s) {
@@ -45,17 +51,19 @@ Json job_object(const protocol::JobState& s) {
     json["done_count"] = s.done_count;
     json["in_flight_count"] = s.in_flight_count;
     json["worker_count"] = s.worker_count;
-    json["rays"] = rays_object(s.rays);
+    add_counts(json, s.rays);
     json["render_s"] = seconds(s.render_time);
     json["elapsed_s"] = seconds(s.elapsed);
     return json;
 }
 
 Json worker_object(const protocol::WorkerState& w) {
-    return {{"schema", "fraja.worker/1"}, {"worker", fraja::to_string(w.worker)},
-            {"name", w.worker_name},      {"threads", w.threads},
-            {"credit", w.credit},         {"in_flight_count", w.in_flight_count},
-            {"tiles_done", w.tiles_done}, {"rays", rays_object(w.rays)}};
+    Json json = {{"schema", "fraja.worker/1"}, {"worker", fraja::to_string(w.worker)},
+                 {"name", w.worker_name},      {"threads", w.threads},
+                 {"credit", w.credit},         {"in_flight_count", w.in_flight_count},
+                 {"tiles_done", w.tiles_done}};
+    add_counts(json, w.rays);
+    return json;
 }
 
 } // namespace
@@ -123,7 +131,7 @@ std::string submit_json(const SubmissionReport& r) {
         json["tile_count"] = r.job.tile_count;
         json["done_count"] = r.job.done_count;
         json["workers"] = r.workers;
-        json["rays"] = rays_object(r.job.rays);
+        add_counts(json, r.job.rays);
         json["render_s"] = seconds(r.job.render_time);
         json["elapsed_s"] = seconds(r.job.elapsed);
     }

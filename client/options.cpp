@@ -1,7 +1,6 @@
 #include "client/options.hpp"
 
 #include "common/base/text.hpp"
-#include "common/base/version.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/protocol/messages.hpp"
@@ -51,9 +50,9 @@ constexpr Names<LogLevel, 6> log_levels{{{{"trace", LogLevel::trace},
 
 } // namespace
 
-void SharedArguments::add_to(CLI::App& app, std::string program) {
+void SharedArguments::add_to(CLI::App& app, std::string program, std::string_view isa) {
     program_ = std::move(program);
-    app.set_version_flag("--version", version_line(program_));
+    app.set_version_flag("--version", version_line(program_, isa));
     app.add_option("-b,--broker", brokers_, "Broker to ask, HOST:PORT; several are tried in turn")
         ->envname("FRAJA_BROKER")
         ->delimiter(',')

@@ -4,6 +4,7 @@
 #include "client/console.hpp"
 #include "client/session.hpp"
 #include "common/base/result.hpp"
+#include "common/base/version.hpp"
 
 #include <optional>
 #include <string>
@@ -39,8 +40,9 @@ using Parsed = std::variant<Options, EarlyExit>;
 /// The shared options as they are typed, until all of the line has been read.
 class SharedArguments {
 public:
-    /// Adds --broker and its companions to `app`; this must outlive the parsing.
-    void add_to(CLI::App& app, std::string program);
+    /// Adds --broker and its companions to `app`; this must outlive the parsing. --version names
+    /// `isa`.
+    void add_to(CLI::App& app, std::string program, std::string_view isa = isa_level());
     [[nodiscard]] Result<SharedOptions> read() const;
 
 private:

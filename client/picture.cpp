@@ -63,6 +63,8 @@ std::string to_string(protocol::KernelChoice kernel) {
     switch (kernel) {
     case protocol::KernelChoice::reference:
         return "reference";
+    case protocol::KernelChoice::fast:
+        return "fast";
     }
     return "unknown";
 }

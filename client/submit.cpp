@@ -6,6 +6,7 @@
 #include "client/progress_report.hpp"
 #include "client/scene_file.hpp"
 #include "client/shell.hpp"
+#include "client/table.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 
@@ -259,28 +260,20 @@ private:
     }
 
     void print_stats() const {
-        const protocol::Rays& rays = report_.job.rays;
         const double elapsed = seconds(report_.job.elapsed);
         const double wall =
             std::chrono::duration<double>(std::chrono::system_clock::now() - report_.started)
                 .count();
-        fmt::print("rays camera     {}\n"
-                   "rays reflected  {}\n"
-                   "rays refracted  {}\n"
-                   "rays traced     {}\n"
-                   "rays shadow     {}\n"
-                   "rays total      {}\n",
-                   rays.camera, rays.reflected, rays.refracted, rays.traced(), rays.shadow,
-                   rays.total());
-        fmt::print("time wall       {:.3f} s\n"
-                   "time job        {:.3f} s\n"
-                   "time render     {:.3f} s (summed over render threads)\n",
+        fmt::print("{}", counts_page(report_.job));
+        fmt::print("time wall         {:.3f} s\n"
+                   "time job          {:.3f} s\n"
+                   "time render       {:.3f} s (summed over render threads)\n",
                    wall, elapsed, seconds(report_.job.render_time));
         if (elapsed > 0)
-            fmt::print("speed           {}\n",
-                       format_rate(static_cast<double>(rays.total()) / elapsed));
-        fmt::print("tiles           {}\n"
-                   "workers         {}\n",
+            fmt::print("speed             {}\n",
+                       format_rate(static_cast<double>(report_.job.rays.total()) / elapsed));
+        fmt::print("tiles             {}\n"
+                   "workers           {}\n",
                    report_.job.done_count, report_.workers);
     }
 

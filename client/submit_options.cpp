@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/render/kernel/render.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -18,6 +19,7 @@ constexpr const char* examples = R"(Examples:
 
 Submits a scene, follows it, and writes the picture. Exit: 0 done, 1 the job failed, 2 usage or
 scene, 3 no broker, 4 refused, 5 cancelled, 124 --timeout ran out.
+FRAJA_ISA=x86-64-v2 (-v3, -v4) forces the instruction set of --local; it never changes pixels.
 )";
 
 constexpr std::uint32_t threads_max = 2048;
@@ -26,7 +28,7 @@ constexpr std::uint32_t threads_max = 2048;
 struct Arguments {
     SharedArguments shared;
     SubmitOptions options;
-    std::string size, crop, tile = "auto", order = "auto", kernel = "reference", timeout;
+    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", timeout;
     bool overwrite = false;
 };
 
@@ -47,9 +49,10 @@ void add_picture_options(CLI::App& app, Arguments& a) {
         ->check(CLI::Range(0u, protocol::aa_max))
         ->type_name("N");
     app.add_flag("-e,--exact", a.options.settings.exact, "No cut-off of faint rays");
-    app.add_option("--kernel", a.kernel, "Ray tracer; this release has the reference alone")
+    app.add_option("--kernel", a.kernel,
+                   "Ray tracer: fast, or reference (plain, with Raja's own arithmetic)")
         ->capture_default_str()
-        ->check(CLI::IsMember({"reference", "fast"}))
+        ->check(CLI::IsMember({"fast", "reference"}))
         ->type_name("KERNEL");
 }
 
@@ -84,7 +87,7 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
     app.add_option("--timeout", a.timeout, "Leave after this time with exit 124; the job goes on")
         ->type_name("T");
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
-    app.add_flag("--stats", o.stats, "Print ray counts by kind and times");
+    app.add_flag("--stats", o.stats, "Print rays by kind, what they cost, and times");
     app.add_flag("--overwrite", a.overwrite, "Replace an existing output when done (the default)");
     app.add_flag("--skip-existing", o.skip_existing, "Nothing is rendered where the output exists");
 }
@@ -110,10 +113,11 @@ Result<void> read_picture(Arguments& a) {
             return invalid_option("--crop " + a.crop + ": a rectangle is written as X,Y,W,H");
         s.crop = *crop;
     }
-    if (a.kernel == "fast")
-        return invalid_option(
-            "--kernel fast: this release has only the reference kernel; leave the "
-            "option out, or say --kernel reference");
+    using enum protocol::KernelChoice;
+    s.kernel = a.kernel == "reference" ? reference : fast;
+    if (a.options.local && s.kernel == fast)
+        if (const auto isa = kernel::instruction_set(); !isa)
+            return invalid_option(isa.error().message);
     const auto valid = protocol::validate(s);
     return valid ? Result<void>() : invalid_option("--" + valid.error().message);
 }
@@ -190,7 +194,8 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     add_picture_options(app, a);
     add_job_options(app, a);
     add_conduct_options(app, a);
-    a.shared.add_to(app, program);
+    a.shared.add_to(app, program,
+                    kernel::instruction_set().value_or("no instruction set to render with"));
     if (auto early = parse(app, std::move(arguments)))
         return *early;
     for (const auto read : {read_picture, read_tiles, read_conduct, read_names})

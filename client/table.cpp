@@ -126,8 +126,39 @@ std::string job_page(const protocol::JobState& s) {
     text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",
                         s.rays.total(), s.rays.camera, s.rays.reflected, s.rays.refracted,
                         s.rays.shadow);
+    if (p.kernel == protocol::KernelChoice::fast)
+        text += fmt::format("tests     {} against boxes, {} against surfaces\n"
+                            "shaded    {} hits\n"
+                            "pixels    {} skipped, {} truncated\n",
+                            s.rays.box_tests, s.rays.form_tests, s.rays.shaded,
+                            s.rays.skipped_pixels, s.rays.truncated_pixels);
     return text + fmt::format("time      {:.3f} s, of rendering {:.3f} s\n", seconds(s.elapsed),
                               seconds(s.render_time));
+}
+
+std::string counts_page(const protocol::JobState& s) {
+    const protocol::Rays& r = s.rays;
+    std::string text =
+        fmt::format("rays camera       {}\n"
+                    "rays reflected    {}\n"
+                    "rays refracted    {}\n"
+                    "rays traced       {}\n"
+                    "rays shadow       {}\n"
+                    "rays total        {}\n",
+                    r.camera, r.reflected, r.refracted, r.traced(), r.shadow, r.total());
+    if (s.settings.kernel == protocol::KernelChoice::reference)
+        return text;
+    text += fmt::format("tests box         {} (rays tested against a box)\n"
+                        "tests form        {} (rays tested against a surface)\n"
+                        "hits shaded       {}\n"
+                        "pixels skipped    {} (known without tracing a ray)\n"
+                        "pixels truncated  {}\n",
+                        r.box_tests, r.form_tests, r.shaded, r.skipped_pixels, r.truncated_pixels);
+    if (r.truncated_pixels > 0)
+        text += fmt::format("In {} pixel(s) a sample ran out of its budget of rays, and what was "
+                            "left of it stayed black; a lower --depth avoids that.\n",
+                            r.truncated_pixels);
+    return text;
 }
 
 } // namespace fraja::client

@@ -18,6 +18,10 @@ namespace fraja::client {
 /// What there is to know of a job, a line each.
 [[nodiscard]] std::string job_page(const protocol::JobState& state);
 
+/// What a job's rays were and what they cost, a line each, for --stats. A sentence more where a
+/// sample ran out of its budget of rays. Without what the reference kernel does not count.
+[[nodiscard]] std::string counts_page(const protocol::JobState& state);
+
 /// "12.3M": three digits and a prefix.
 [[nodiscard]] std::string format_count(std::uint64_t count);
 

@@ -2,6 +2,7 @@
 #include "common/base/version.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
+#include "common/render/kernel/render.hpp"
 #include "worker/shell.hpp"
 
 #include <CLI/CLI.hpp>
@@ -28,10 +29,13 @@ constexpr const char* examples = R"(Examples:
 
 Renders tiles for brokers until it is told to leave: the first TERM or INT finishes the tiles at
 hand, a second one hands them back at once. A lost broker is greeted again for ever.
+FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixels.
 )";
 
 constexpr const char* default_broker = "tcp://127.0.0.1:50057";
 constexpr std::uint16_t default_port = 50057;
+
+constexpr const char* no_isa = "no instruction set to render with";
 
 enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
 
@@ -47,7 +51,8 @@ int usage_error(const std::string& message) {
 
 void add_options(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
-    app.set_version_flag("--version", version_line("fraja-worker"));
+    app.set_version_flag("--version",
+                         version_line("fraja-worker", kernel::instruction_set().value_or(no_isa)));
     app.add_option("-b,--broker", options.brokers,
                    "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
         ->envname("FRAJA_BROKER")
@@ -159,6 +164,9 @@ int main(int argc, char** argv) try {
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(options); !completed)
         return usage_error(completed.error().message);
+    const auto isa = kernel::instruction_set();
+    if (!isa)
+        return usage_error(isa.error().message);
 
     const auto logger = spdlog::stderr_color_mt("fraja-worker");
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
@@ -166,7 +174,7 @@ int main(int argc, char** argv) try {
     options.on_log = [&](worker::LogLevel level, const std::string& text) {
         logger->log(to_spdlog(level), "{}", text);
     };
-    logger->info("'{}' serves with {} threads", options.name, options.threads);
+    logger->info("'{}' serves with {} threads on {}", options.name, options.threads, *isa);
     return serve(options, signals);
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());

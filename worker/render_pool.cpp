@@ -16,19 +16,31 @@
 namespace fraja::worker {
 namespace {
 
-// A second kernel asks for scenes to be compiled per kernel, not once.
-static_assert(protocol::ValueCount<protocol::KernelChoice>::value == 1);
+Kernel kernel_of(protocol::KernelChoice choice) {
+    switch (choice) {
+    case protocol::KernelChoice::reference:
+        return Kernel::reference;
+    case protocol::KernelChoice::fast:
+        return Kernel::fast;
+    }
+    FRAJA_ASSERT(!"a kernel that does not exist");
+    return {};
+}
 
 RenderSettings render_settings(const protocol::PictureSettings& s) {
-    return {.size = s.size,
-            .depth = s.depth,
-            .aa = s.aa,
-            .exact = s.exact};
+    return {.size = s.size, .depth = s.depth, .aa = s.aa, .exact = s.exact};
 }
 
 protocol::Rays rays_of(const RayCounts& r) {
-    return {
-        .camera = r.camera, .reflected = r.reflected, .refracted = r.refracted, .shadow = r.shadow};
+    return {.camera = r.camera,
+            .reflected = r.reflected,
+            .refracted = r.refracted,
+            .shadow = r.shadow,
+            .box_tests = r.box_tests,
+            .form_tests = r.form_tests,
+            .shaded = r.shaded,
+            .skipped_pixels = r.skipped_pixels,
+            .truncated_pixels = r.truncated_pixels};
 }
 
 Bytes joined(const std::vector<Blob>& chunks) {
@@ -107,6 +119,7 @@ RenderPool::~RenderPool() {
         thread.request_stop();
     const std::lock_guard lock(mutex_);
     queue_.clear();
+    waiting_.clear();
     for (const auto& [key, control] : running_)
         control->stop = true;
 }
@@ -115,23 +128,29 @@ RenderPool::~RenderPool() {
 
 void RenderPool::perform(SessionIndex session, CompileScene action) {
     const std::lock_guard lock(mutex_);
-    enqueue(Compiling{{session, action.scene}, std::move(action.chunks)});
+    enqueue(Reading{{session, action.scene}, std::move(action.chunks), kernel_of(action.kernel)});
 }
 
 void RenderPool::perform(SessionIndex session, const StartTile& action) {
     const std::lock_guard lock(mutex_);
     const auto scene = scenes_.find({session, action.scene});
     FRAJA_ASSERT(scene != scenes_.end());
-    enqueue(Drawing{{session, action.ticket},
-                    scene->second,
-                    action.rect,
-                    action.settings,
-                    std::make_shared<RenderControl>()});
+    const Kernel kernel = kernel_of(action.settings.kernel);
+    const auto [compiled, is_new] = scene->second->compiled.try_emplace(kernel);
+    Drawing drawing{{session, action.ticket}, scene->second,
+                    compiled->second,         action.rect,
+                    action.settings,          std::make_shared<RenderControl>()};
+    if (drawing.compiled)
+        return enqueue(std::move(drawing));
+    waiting_.push_back(std::move(drawing));
+    if (is_new)
+        enqueue(Compiling{scene->second, kernel});
 }
 
 void RenderPool::perform(SessionIndex session, const StopTile& action) {
     const std::lock_guard lock(mutex_);
     const TileKey key{session, action.ticket};
+    std::erase_if(waiting_, [&](const Drawing& drawing) { return drawing.key == key; });
     std::erase_if(queue_, [&](const Deed& deed) {
         const auto* drawing = std::get_if<Drawing>(&deed);
         return drawing && drawing->key == key;
@@ -141,7 +160,7 @@ void RenderPool::perform(SessionIndex session, const StopTile& action) {
 }
 
 void RenderPool::perform(SessionIndex session, const ForgetScene& action) {
-    Compiled last; // freed after the lock: a large scene takes a while
+    std::shared_ptr<LoadedScene> last; // freed after the lock: a large scene takes a while
     const std::lock_guard lock(mutex_);
     const auto at = scenes_.find({session, action.scene});
     FRAJA_ASSERT(at != scenes_.end());
@@ -185,28 +204,51 @@ void RenderPool::run(const std::stop_token& stop) {
     }
 }
 
-void RenderPool::carry_out(Compiling deed) {
-    auto compiled = guarded([&]() -> Result<Compiled> {
+void RenderPool::carry_out(Reading deed) {
+    auto read = guarded([&]() -> Result<std::shared_ptr<LoadedScene>> {
         auto scene = read_scene(std::move(deed.chunks), deed.key.second);
         if (!scene)
             return scene.error();
-        return compile_scene(std::move(*scene), Kernel::reference);
+        return std::make_shared<LoadedScene>(
+            LoadedScene{*scene, {{deed.kernel, compile_scene(*scene, deed.kernel)}}});
     });
     const auto [session, hash] = deed.key;
     const std::lock_guard lock(mutex_);
-    if (compiled) {
-        scenes_[deed.key] = std::move(*compiled);
+    if (read) {
+        scenes_[deed.key] = std::move(*read);
         finish({session, SceneCompiled{hash}});
     } else {
-        finish({session, SceneFailed{hash, compiled.error()}});
+        finish({session, SceneFailed{hash, read.error()}});
     }
+}
+
+void RenderPool::carry_out(Compiling deed) {
+    const auto compiled = guarded(
+        [&]() -> Result<Compiled> { return compile_scene(deed.scene->scene, deed.kernel); });
+    const std::lock_guard lock(mutex_);
+    if (compiled)
+        deed.scene->compiled[deed.kernel] = *compiled;
+    else
+        deed.scene->compiled.erase(deed.kernel); // the next tile tries anew
+    const auto ended = std::ranges::stable_partition(waiting_, [&](const Drawing& drawing) {
+        return drawing.scene != deed.scene || kernel_of(drawing.settings.kernel) != deed.kernel;
+    });
+    for (Drawing& drawing : ended) {
+        if (compiled) {
+            drawing.compiled = *compiled;
+            enqueue(std::move(drawing));
+        } else {
+            finish({drawing.key.first, TileBroken{drawing.key.second, compiled.error()}});
+        }
+    }
+    waiting_.erase(ended.begin(), ended.end());
 }
 
 void RenderPool::carry_out(Drawing deed) {
     const Instant begin = net::now();
     auto drawn = guarded([&]() -> Result<Drawn> {
         auto tile =
-            deed.scene->render_tile(render_settings(deed.settings), deed.rect, *deed.control);
+            deed.compiled->render_tile(render_settings(deed.settings), deed.rect, *deed.control);
         if (!tile)
             return tile.error();
         return Drawn{pixel_blobs(tile->tile), tile->rays};

@@ -34,7 +34,8 @@ struct PoolResult {
 class RenderPool {
 public:
     /// `done` is woken whenever there are results to take; it must outlive this. At most
-    /// `queue_max` deeds may wait for a thread (asserted): the credit that was granted bounds them.
+    /// `queue_max` deeds may wait for a thread (asserted): a tile each, and for a scene its
+    /// compilation for each kernel.
     RenderPool(std::uint32_t threads, std::size_t queue_max, const net::Waker& done);
     /// Stops what runs (a scene that is being compiled first comes to its end) and joins.
     ~RenderPool();
@@ -42,6 +43,7 @@ public:
     RenderPool& operator=(const RenderPool&) = delete;
 
     void perform(SessionIndex session, CompileScene action);
+    /// For a kernel that no tile of the scene has asked for yet, a thread compiles the scene first.
     void perform(SessionIndex session, const StartTile& action);
     void perform(SessionIndex session, const StopTile& action);
     void perform(SessionIndex session, const ForgetScene& action);
@@ -55,20 +57,33 @@ private:
     using SceneKey = std::pair<SessionIndex, ContentHash>;
     using Compiled = std::shared_ptr<const CompiledScene>;
 
-    struct Compiling {
+    /// A scene as it was read, and compiled for each kernel that was asked for: null while a thread
+    /// is at it.
+    struct LoadedScene {
+        std::shared_ptr<const Scene> scene;
+        std::map<Kernel, Compiled> compiled;
+    };
+    struct Reading {
         SceneKey key;
         std::vector<Blob> chunks;
+        Kernel kernel{};
+    };
+    struct Compiling {
+        std::shared_ptr<LoadedScene> scene;
+        Kernel kernel{};
     };
     struct Drawing {
         TileKey key;
-        Compiled scene;
+        std::shared_ptr<LoadedScene> scene;
+        Compiled compiled; // null while it waits for that
         PixelRect rect;
         protocol::PictureSettings settings;
         std::shared_ptr<RenderControl> control;
     };
-    using Deed = std::variant<Compiling, Drawing>;
+    using Deed = std::variant<Reading, Compiling, Drawing>;
 
     void run(const std::stop_token& stop);
+    void carry_out(Reading deed);
     void carry_out(Compiling deed);
     void carry_out(Drawing deed);
     void enqueue(Deed deed); // both: the mutex is held
@@ -80,8 +95,9 @@ private:
     mutable std::mutex mutex_; // guards everything below but the threads
     std::condition_variable_any deed_added_;
     std::deque<Deed> queue_;
+    std::vector<Drawing> waiting_; // for their scene to be compiled for their kernel
     std::map<TileKey, std::shared_ptr<RenderControl>> running_;
-    std::map<SceneKey, Compiled> scenes_;
+    std::map<SceneKey, std::shared_ptr<LoadedScene>> scenes_;
     std::vector<PoolResult> results_;
 
     std::vector<std::jthread> threads_; // last: joined before what they use is gone

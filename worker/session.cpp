@@ -1,5 +1,6 @@
 #include "worker/session.hpp"
 
+#include "common/base/assert.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/protocol/limits.hpp"
@@ -188,7 +189,11 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
     scene->stage = Stage::compiling;
     turn.log(LogLevel::debug, "fetched " + short_name(message.blob) + ", " +
                                   std::to_string(scene->total_bytes) + " bytes");
-    turn.actions.emplace_back(CompileScene{message.blob, std::exchange(scene->chunks, {})});
+    const auto first = std::ranges::find_if(
+        tiles_, [&](const auto& entry) { return entry.second.order.scene == message.blob; });
+    FRAJA_ASSERT(first != tiles_.end()); // a scene is fetched only for as long as a tile needs it
+    turn.actions.emplace_back(CompileScene{message.blob, std::exchange(scene->chunks, {}),
+                                           first->second.order.settings.kernel});
 }
 
 void Session::on_message(Turn& turn, const protocol::RenderTile& message) {

@@ -100,13 +100,15 @@ using Event = std::variant<Received, Undecodable, SceneCompiled, SceneFailed, Ti
 struct Send {
     protocol::Message message;
 };
-/// Check that the chunks, one after the other, have this hash, and make them ready for rendering.
-/// Answered by SceneCompiled or SceneFailed.
+/// Check that the chunks, one after the other, have this hash, and make them ready for rendering
+/// with the kernel that the first tile asks for. Answered by SceneCompiled or SceneFailed.
 struct CompileScene {
     ContentHash scene;
     std::vector<Blob> chunks;
+    protocol::KernelChoice kernel{};
 };
-/// Answered by TileFinished or TileBroken, unless stopped. The scene is compiled.
+/// Answered by TileFinished or TileBroken, unless stopped. The scene is compiled, if only for
+/// another kernel than this tile's settings name.
 struct StartTile {
     Ticket ticket{};
     ContentHash scene;

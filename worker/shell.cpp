@@ -125,10 +125,13 @@ private:
     Instant finished_at_{};
 };
 
-/// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf.
+/// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf for
+/// every kernel.
 std::size_t queue_max(const WorkerOptions& options, const Limits& limits) {
+    const std::size_t tiles = credit_for(options.threads, limits);
+    const std::size_t scenes = tiles + limits.shelf.idle_count_max;
     return options.brokers.size() *
-           (2 * std::size_t{credit_for(options.threads, limits)} + limits.shelf.idle_count_max);
+           (tiles + scenes * protocol::ValueCount<protocol::KernelChoice>::value);
 }
 
 class Shell {

@@ -3,28 +3,27 @@
 #include "fraja_revision.hpp" // made by the build
 
 namespace fraja {
-namespace {
 
-constexpr std::string_view isa_level =
+std::string_view isa_level() {
+    return
 #if defined(__AVX512F__)
-    "x86-64-v4";
+        "x86-64-v4";
 #elif defined(__AVX2__)
-    "x86-64-v3";
+        "x86-64-v3";
 #elif defined(__SSE4_2__)
-    "x86-64-v2";
+        "x86-64-v2";
 #elif defined(__x86_64__)
-    "x86-64";
+        "x86-64";
 #elif defined(__aarch64__)
-    "arm64";
+        "arm64";
 #else
-    "generic";
+        "generic";
 #endif
+}
 
-} // namespace
-
-std::string version_line(std::string_view program) {
+std::string version_line(std::string_view program, std::string_view isa) {
     return std::string(program) + " " + std::string(version) + ", revision " FRAJA_REVISION ", " +
-           std::string(isa_level);
+           std::string(isa);
 }
 
 } // namespace fraja

@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 1;
+inline constexpr std::uint16_t version = 2;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -28,15 +28,31 @@ inline constexpr std::uint16_t version = 1;
     return a + b < a ? UINT64_MAX : a + b;
 }
 
-/// Rays traced, by kind. Sums stay at the largest number.
+/// Rays traced, by kind, and what else they cost. Sums stay at the largest number.
 struct Rays {
     std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
+    // of the fast kernel alone
+    std::uint64_t box_tests = 0, form_tests = 0, shaded = 0;
+    std::uint64_t skipped_pixels = 0, truncated_pixels = 0;
     friend bool operator==(const Rays&, const Rays&) = default;
+    static constexpr auto fields() {
+        using T = Rays;
+        return std::tuple{Field{"camera", &T::camera},
+                          Field{"reflected", &T::reflected},
+                          Field{"refracted", &T::refracted},
+                          Field{"shadow", &T::shadow},
+                          Field{"box_tests", &T::box_tests},
+                          Field{"form_tests", &T::form_tests},
+                          Field{"shaded", &T::shaded},
+                          Field{"skipped_pixels", &T::skipped_pixels},
+                          Field{"truncated_pixels", &T::truncated_pixels}};
+    }
     Rays& operator+=(const Rays& o) {
-        camera = saturating_sum(camera, o.camera);
-        reflected = saturating_sum(reflected, o.reflected);
-        refracted = saturating_sum(refracted, o.refracted);
-        shadow = saturating_sum(shadow, o.shadow);
+        std::apply(
+            [&](const auto&... f) {
+                ((this->*f.member = saturating_sum(this->*f.member, o.*f.member)), ...);
+            },
+            fields());
         return *this;
     }
     /// But for shadow rays.
@@ -44,10 +60,6 @@ struct Rays {
         return saturating_sum(saturating_sum(camera, reflected), refracted);
     }
     [[nodiscard]] std::uint64_t total() const { return saturating_sum(traced(), shadow); }
-    static constexpr auto fields() {
-        return std::tuple{Field{"camera", &Rays::camera}, Field{"reflected", &Rays::reflected},
-                          Field{"refracted", &Rays::refracted}, Field{"shadow", &Rays::shadow}};
-    }
 };
 
 /// A tile that a worker has, and how far it is.

@@ -9,10 +9,10 @@
 
 namespace fraja::protocol {
 
-enum class KernelChoice : std::uint8_t { reference };
+enum class KernelChoice : std::uint8_t { reference, fast };
 template <>
 struct ValueCount<KernelChoice> {
-    static constexpr unsigned value = 1;
+    static constexpr unsigned value = 2;
 };
 
 struct PictureSettings {
@@ -22,7 +22,7 @@ struct PictureSettings {
     std::uint32_t depth = 5;
     std::uint32_t aa = 0;
     bool exact = false;
-    KernelChoice kernel = KernelChoice::reference;
+    KernelChoice kernel = KernelChoice::fast;
 
     friend bool operator==(const PictureSettings&, const PictureSettings&) = default;
     static constexpr auto fields() {

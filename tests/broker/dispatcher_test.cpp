@@ -220,7 +220,7 @@ TEST_CASE("rubbish is refused and counted and does not flood the log") {
     CHECK(farm.dispatcher.counters().rubbish == 1000);
     CHECK(farm.logs.size() <= 10);
     CHECK(farm.last<Refused>("x").code == RefusalCode::malformed);
-    farm.event(PeerSpokeRubbish{"y", {ErrorCode::version_mismatch, "version 2"}});
+    farm.event(PeerSpokeRubbish{"y", {ErrorCode::version_mismatch, "version 9"}});
     CHECK(farm.last<Refused>("y").code == RefusalCode::version_mismatch);
     CHECK(farm.dispatcher.counters().wrong_version == 1);
 }

@@ -49,6 +49,7 @@ TEST_CASE("fraja-submit's defaults are Raja's") {
     CHECK(o.output == "cone.png");
     CHECK(o.job_name == "cone");
     CHECK(o.settings == protocol::PictureSettings{});
+    CHECK(o.settings.kernel == protocol::KernelChoice::fast);
     CHECK(o.tile_side == 0);
     CHECK(o.shared.brokers == std::vector<std::string>{"tcp://127.0.0.1:50057"});
     CHECK(o.shared.connect_timeout == 10s);
@@ -62,9 +63,13 @@ TEST_CASE("fraja-submit reads every option") {
                "--stats --json --skip-existing --wait -b h1 -b h2:99,h3 "
                "--connect-timeout 250ms --log-level debug --color never");
     CHECK(o.output == "b.exr");
-    CHECK(o.settings ==
-          protocol::PictureSettings{
-              .size = {640, 480}, .crop = {1, 2, 30, 40}, .depth = 9, .aa = 4, .exact = true});
+    CHECK(o.settings == protocol::PictureSettings{.size = {640, 480},
+                                                  .crop = {1, 2, 30, 40},
+                                                  .depth = 9,
+                                                  .aa = 4,
+                                                  .exact = true,
+                                                  .kernel = protocol::KernelChoice::reference});
+    CHECK(submit("a.raj --kernel fast").settings.kernel == protocol::KernelChoice::fast);
     CHECK(o.tile_side == 16);
     CHECK(o.order == protocol::TileOrder::spiral);
     CHECK(o.priority == -3);
@@ -106,7 +111,6 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj --tile 1025", "--tile 1025"},
                            Row{"a.raj --tile 1 -r 4096x4096", "--tile 1"},
                            Row{"a.raj --order up", "--order"},
-                           Row{"a.raj --kernel fast", "only the reference kernel"},
                            Row{"a.raj --kernel slow", "--kernel"},
                            Row{"a.raj --detach -o b.png", "--detach"},
                            Row{"a.raj --detach --local", "--detach"},

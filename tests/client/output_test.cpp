@@ -34,7 +34,7 @@ protocol::JobState job() {
     state.phase = protocol::JobPhase::running;
     state.tile_count = 200;
     state.done_count = 126;
-    state.rays = {10, 20, 30, 40};
+    state.rays = {10, 20, 30, 40, 50, 60, 70, 80, 0};
     state.elapsed = 1500ms;
     return state;
 }
@@ -91,6 +91,55 @@ TEST_CASE("a job's JSON says its state, counts, rays and times") {
     failed.phase = protocol::JobPhase::failed;
     failed.reason = "why";
     CHECK(Json::parse(job_json(failed))["reason"] == "why");
+}
+
+TEST_CASE("the JSON of jobs and workers says what the rays cost") {
+    protocol::WorkerState worker;
+    worker.rays = job().rays;
+    worker.rays.truncated_pixels = 9;
+    SubmissionReport report;
+    report.job = job();
+    report.job.rays = worker.rays;
+    for (const std::string& text :
+         {submit_json(report), worker_json(worker), job_json(report.job)}) {
+        const Json json = Json::parse(text);
+        CHECK(json["rays"] == Json{{"primary", 10},
+                                   {"camera", 10},
+                                   {"reflected", 20},
+                                   {"refracted", 30},
+                                   {"shadow", 40},
+                                   {"traced", 60},
+                                   {"total", 100}});
+        CHECK(json["tests"] == Json{{"box", 50}, {"form", 60}});
+        CHECK(json["shaded"] == 70);
+        CHECK(json["pixels"] == Json{{"skipped", 80}, {"truncated", 9}});
+    }
+}
+
+TEST_CASE("the counts of a job are lines of plain words, and a truncated pixel a sentence") {
+    const std::string page = counts_page(job());
+    CHECK(page.starts_with("rays camera       10\nrays reflected    20\n"));
+    CHECK(page.find("\ntests form        60 (rays tested against a surface)\n") !=
+          std::string::npos);
+    CHECK(page.ends_with("\npixels truncated  0\n"));
+    auto cut_short = job();
+    cut_short.rays.truncated_pixels = 9;
+    CHECK(counts_page(cut_short).find("\nIn 9 pixel(s) a sample ran out of its budget of rays") !=
+          std::string::npos);
+    auto plain = job();
+    plain.settings.kernel = protocol::KernelChoice::reference;
+    CHECK(counts_page(plain).ends_with("\nrays total        100\n")); // it counts nothing else
+}
+
+TEST_CASE("a job's page and JSON and its picture name its kernel") {
+    for (const auto& [kernel, name] : {std::pair{protocol::KernelChoice::fast, "fast"},
+                                       std::pair{protocol::KernelChoice::reference, "reference"}}) {
+        auto state = job();
+        state.settings.kernel = kernel;
+        CHECK(job_page(state).find(std::string(", kernel ") + name + "\n") != std::string::npos);
+        CHECK(Json::parse(job_json(state))["settings"]["kernel"] == name);
+        CHECK(picture_attributes(state.scene, state.settings).back().value == name);
+    }
 }
 
 TEST_CASE("a submission's JSON has its job only when there was one") {

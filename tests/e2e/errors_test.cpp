@@ -1,5 +1,6 @@
 #include "tests/e2e/farm.hpp"
 
+#include <algorithm>
 #include <csignal>
 #include <fstream>
 #include <regex>
@@ -151,6 +152,33 @@ TEST_CASE("help opens with examples and version says the version") {
         CHECK(version->exit == 0);
         CHECK(contains(version->out, name));
     }
+}
+
+TEST_CASE("an instruction set that is unknown is a usage error, wherever something is drawn") {
+    const Scratch scratch;
+    Farm farm;
+    const Words unknown = {"FRAJA_ISA=x86-64-v9"};
+    const Words cone = {scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")};
+    Words locally = cone;
+    locally.push_back("--local");
+    const auto worker = run({{program("fraja-worker"), "-b", farm.endpoint()}, unknown}, patience);
+    REQUIRE(worker.has_value());
+    for (const RunResult& result : {*worker, submit(locally, unknown)}) {
+        CHECK(result.exit == 2);
+        CHECK(result.out.empty());
+        CHECK(contains(result.err, "FRAJA_ISA=x86-64-v9"));
+        CHECK(std::ranges::count(result.err, '\n') == 1);
+    }
+    CHECK_FALSE(fs::exists(scratch.file("x.png")));
+    for (const char* name : {"fraja-worker", "fraja-submit"}) { // they can still say who they are
+        const auto version = run({{program(name), "--version"}, unknown}, patience);
+        REQUIRE(version.has_value());
+        CHECK(version->exit == 0);
+    }
+    farm.add_worker("one");
+    Words remotely = cone;
+    remotely.insert(remotely.end(), {"-b", farm.endpoint()});
+    CHECK(submit(remotely, unknown).exit == 0); // nothing is drawn here
 }
 
 TEST_CASE("an unfinished local picture does not replace one that was there") {

@@ -10,8 +10,8 @@
 namespace fraja::e2e {
 namespace {
 
-Process start(Words argv) {
-    auto process = Process::start({std::move(argv)});
+Process start(Words argv, Words env = {}) {
+    auto process = Process::start({std::move(argv), std::move(env)});
     REQUIRE_MESSAGE(process.has_value(), (process ? "" : process.error().message));
     return std::move(*process);
 }
@@ -48,15 +48,16 @@ std::string bytes_of(const std::string& path) {
     return bytes.str();
 }
 
-RunResult submit(Words arguments) {
-    auto result = run({with({program("fraja-submit")}, arguments)}, patience);
+RunResult submit(Words arguments, const Words& env) {
+    auto result = run({with({program("fraja-submit")}, arguments), env}, patience);
     REQUIRE_MESSAGE(result.has_value(), (result ? "" : result.error().message));
     return std::move(*result);
 }
 
-std::string local_picture(const Scratch& scratch, Words arguments, const std::string& name) {
+std::string local_picture(const Scratch& scratch, Words arguments, const std::string& name,
+                          const Words& env) {
     const std::string path = scratch.file(name);
-    const auto result = submit(with(std::move(arguments), {"--local", "-o", path}));
+    const auto result = submit(with(std::move(arguments), {"--local", "-o", path}), env);
     INFO(result.err);
     REQUIRE(result.exit == 0);
     return bytes_of(path);
@@ -74,9 +75,9 @@ Farm::Farm(Words broker_options) : broker_(start_broker(broker_options)) {
     REQUIRE(endpoint_.starts_with("tcp://127.0.0.1:"));
 }
 
-Process& Farm::add_worker(const std::string& name, Words options) {
-    workers_.push_back(
-        start(with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options)));
+Process& Farm::add_worker(const std::string& name, Words options, Words env) {
+    workers_.push_back(start(
+        with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options), std::move(env)));
     const auto here = broker_.wait_for_line(
         Process::Stream::err,
         [&](std::string_view l) {

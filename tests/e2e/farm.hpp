@@ -65,11 +65,11 @@ std::string bytes_of(const std::string& path);
 
 using Words = std::vector<std::string>;
 
-/// Runs fraja-submit to its end.
-RunResult submit(Words arguments);
+/// Runs fraja-submit to its end. `env` as in Command.
+RunResult submit(Words arguments, const Words& env = {});
 /// The picture that `--local` draws with these arguments (scene first), as a file's bytes.
 std::string local_picture(const Scratch& scratch, Words arguments,
-                          const std::string& name = "local.png");
+                          const std::string& name = "local.png", const Words& env = {});
 
 class Farm {
 public:
@@ -77,7 +77,7 @@ public:
     explicit Farm(Words broker_options = {"--heartbeat", "250ms"});
 
     /// Starts a worker and waits until the broker has welcomed it.
-    Process& add_worker(const std::string& name, Words options = {"-j", "1"});
+    Process& add_worker(const std::string& name, Words options = {"-j", "1"}, Words env = {});
     [[nodiscard]] Process& worker(std::size_t i) { return workers_.at(i); }
     [[nodiscard]] Process& broker() { return broker_; }
     [[nodiscard]] const std::string& endpoint() const { return endpoint_; }

@@ -52,8 +52,13 @@ TEST_CASE("rubbish from strangers harms neither the broker nor its jobs") {
     const Scratch scratch;
     Farm farm;
     farm.add_worker("one");
-    const Words picture = {scene("overlapping_spheres"), "-r", instrumented ? "40x30" : "160x120",
-                           "--tile", "4"};
+    const Words picture = {scene("overlapping_spheres"),
+                           "--kernel", // long enough to be disturbed
+                           "reference",
+                           "-r",
+                           instrumented ? "40x30" : "160x120",
+                           "--tile",
+                           "4"};
     const std::string want = local_picture(scratch, picture);
     Words words = picture;
     words.insert(words.end(), {"-o", scratch.file("x.png")});
@@ -143,7 +148,7 @@ TEST_CASE("a peer of another version is refused with exit 4") {
             net::wait({*broker}, 1s);
         broker->send(hello->peer,
                      protocol::encode(protocol::Refused{
-                         protocol::RefusalCode::version_mismatch, {}, "version 2 is spoken here"}));
+                         protocol::RefusalCode::version_mismatch, {}, "version 9 is spoken here"}));
         CHECK(process->wait_for_exit(patience) == 4);
         CHECK(process->err().find("version") != std::string::npos);
         while (broker->receive()) {

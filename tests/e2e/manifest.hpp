@@ -51,8 +51,8 @@ inline std::vector<ManifestRow> manifest() {
     return rows;
 }
 
-/// Draws a row with `submit` and holds it against Raja's picture: 0 differing pixels. In an
-/// instrumented build only the middle is drawn.
+/// Draws a row with `submit` and the reference kernel, and holds it against Raja's picture: 0
+/// differing pixels. In an instrumented build only the middle is drawn.
 inline void check_row(const ManifestRow& row, const std::function<RunResult(Words)>& submit) {
     CAPTURE(row.picture);
     const auto want = read_levels(row.picture);
@@ -60,7 +60,7 @@ inline void check_row(const ManifestRow& row, const std::function<RunResult(Word
     const Extent size = want->extent;
     const PixelRect region = middle_of(size, !instrumented ? 1 : row.dear ? 4 : 2);
     const Scratch scratch;
-    Words arguments{row.scene, "-o", scratch.file("row.png")};
+    Words arguments{row.scene, "--kernel", "reference", "-o", scratch.file("row.png")};
     arguments.insert(arguments.end(), row.options.begin(), row.options.end());
     if (instrumented)
         arguments.insert(arguments.end(),

@@ -8,9 +8,15 @@ TEST_CASE("twenty watchers that join at random moments each report every tile ex
     Farm farm;
     farm.add_worker("one");
     farm.add_worker("two");
-    const Words picture = {
-        scene("overlapping_spheres"), "-r", instrumented ? "40x30" : "320x240", "-a", "2", "--tile",
-        instrumented ? "2" : "10"}; // 300 or 768 tiles
+    const Words picture = {scene("overlapping_spheres"),
+                           "--kernel", // seconds, so that there are moments to join at
+                           "reference",
+                           "-r",
+                           instrumented ? "40x30" : "320x240",
+                           "-a",
+                           "2",
+                           "--tile",
+                           instrumented ? "2" : "10"}; // 300 or 768 tiles
     const std::uint32_t width = instrumented ? 40 : 320, height = instrumented ? 30 : 240;
     const std::string job = farm.detach(picture);
     Process first = farm.watch(job);

@@ -5,15 +5,19 @@
 #include "common/protocol/limits.hpp"
 #include "common/scene/raj_reader.hpp"
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstring>
 #include <doctest/doctest.h>
 #include <fstream>
 #include <iterator>
+#include <set>
 #include <string>
 
 using namespace fraja;
 using namespace fraja::worker;
+using protocol::KernelChoice;
 using namespace std::chrono_literals;
 
 namespace {
@@ -30,8 +34,9 @@ struct Pool {
     net::Waker waker;
     RenderPool pool{2, 16, waker};
 
-    ContentHash compile(const Bytes& text, std::size_t piece_bytes = 100) {
-        CompileScene action{protocol::content_hash(text), {}};
+    ContentHash compile(const Bytes& text, KernelChoice kernel = KernelChoice::fast) {
+        CompileScene action{protocol::content_hash(text), {}, kernel};
+        constexpr std::size_t piece_bytes = 100;
         for (std::size_t at = 0; at < text.size(); at += piece_bytes) {
             const std::size_t size = std::min(piece_bytes, text.size() - at);
             const auto begin = text.begin() + static_cast<std::ptrdiff_t>(at);
@@ -41,18 +46,31 @@ struct Pool {
         pool.perform(session, action);
         return action.scene;
     }
-    /// The next result; fails the test when none comes.
-    Event next() {
+    /// At least one; fails the test when none comes.
+    std::vector<PoolResult> results() {
         for (int i = 0; i < 600; ++i) {
             waker.drain();
             auto results = pool.take_results();
-            REQUIRE(results.size() <= 1);
             if (!results.empty())
-                return std::move(results[0].event);
+                return results;
             net::wait({waker.fd()}, 100ms);
         }
         FAIL("no result within a minute");
-        return Tick{};
+        return {};
+    }
+    /// The next result, which comes alone.
+    Event next() {
+        auto next = results();
+        REQUIRE(next.size() == 1);
+        return std::move(next[0].event);
+    }
+    std::vector<TileFinished> some_finished() {
+        std::vector<TileFinished> finished;
+        for (PoolResult& result : results()) {
+            REQUIRE(std::holds_alternative<TileFinished>(result.event));
+            finished.push_back(std::get<TileFinished>(std::move(result.event)));
+        }
+        return finished;
     }
     template <class T>
     T next_as() {
@@ -62,11 +80,24 @@ struct Pool {
     }
 };
 
-StartTile whole_picture(Ticket ticket, const ContentHash& scene, Extent size) {
+StartTile whole_picture(Ticket ticket, const ContentHash& scene, Extent size,
+                        KernelChoice kernel = KernelChoice::fast) {
     protocol::PictureSettings settings;
     settings.size = size;
     settings.crop = {0, 0, size.width, size.height};
+    settings.kernel = kernel;
     return {ticket, scene, settings.crop, settings};
+}
+
+/// What the renderer itself draws.
+RenderedTile drawn(const Bytes& text, Extent size, Kernel kernel) {
+    auto scene = read_raj(as_text(text), "scene");
+    REQUIRE(scene.has_value());
+    RenderControl control;
+    auto tile = compile_scene(std::make_shared<const Scene>(std::move(*scene)), kernel)
+                    ->render_tile({.size = size}, {0, 0, size.width, size.height}, control);
+    REQUIRE(tile.has_value());
+    return std::move(*tile);
 }
 
 Bytes joined(const std::vector<Blob>& blobs) {
@@ -78,25 +109,54 @@ Bytes joined(const std::vector<Blob>& blobs) {
 
 } // namespace
 
-TEST_CASE("the pool draws what the renderer draws") {
+TEST_CASE("the pool draws what the kernel draws that a tile asks for, whichever came first") {
     const Bytes text = scene_text("cone.raj");
-    auto scene = read_raj(as_text(text), "cone.raj");
-    REQUIRE(scene.has_value());
-    RenderControl control;
-    const auto want = compile_scene(std::make_shared<const Scene>(*scene), Kernel::reference)
-                          ->render_tile({.size = {32, 24}}, {0, 0, 32, 24}, control);
-    REQUIRE(want.has_value());
+    const RenderedTile fast = drawn(text, {32, 24}, Kernel::fast);
+    const RenderedTile reference = drawn(text, {32, 24}, Kernel::reference);
+    CHECK(fast.rays.box_tests + fast.rays.form_tests > 0);
+    CHECK(reference.rays.form_tests == 0);
+    for (const KernelChoice first : {KernelChoice::reference, KernelChoice::fast}) {
+        Pool bench;
+        const ContentHash hash = bench.compile(text, first);
+        CHECK(bench.next_as<SceneCompiled>().scene == hash);
+        for (const KernelChoice kernel : {KernelChoice::reference, KernelChoice::fast}) {
+            CAPTURE(static_cast<int>(first));
+            CAPTURE(static_cast<int>(kernel));
+            const RenderedTile& want = kernel == KernelChoice::fast ? fast : reference;
+            bench.pool.perform(session, whole_picture(Ticket{9}, hash, {32, 24}, kernel));
+            const auto tile = bench.next_as<TileFinished>();
+            CHECK(tile.ticket == Ticket{9});
+            CHECK(tile.rays == protocol::Rays{want.rays.camera, want.rays.reflected,
+                                              want.rays.refracted, want.rays.shadow,
+                                              want.rays.box_tests, want.rays.form_tests,
+                                              want.rays.shaded, want.rays.skipped_pixels,
+                                              want.rays.truncated_pixels});
+            CHECK(joined(tile.blobs) == joined(pixel_blobs(want.tile)));
+            CHECK(bench.pool.progress(session).empty());
+        }
+    }
+}
 
+TEST_CASE("tiles that wait for another kernel are drawn in the end, unless they are stopped") {
+    const Bytes text = scene_text("cone.raj");
     Pool bench;
-    const ContentHash hash = bench.compile(text);
-    CHECK(bench.next_as<SceneCompiled>().scene == hash);
-    bench.pool.perform(session, whole_picture(Ticket{9}, hash, {32, 24}));
-    const auto tile = bench.next_as<TileFinished>();
-    CHECK(tile.ticket == Ticket{9});
-    CHECK(tile.rays.camera == want->rays.camera);
-    CHECK(tile.rays.shadow == want->rays.shadow);
-    CHECK(joined(tile.blobs) == joined(pixel_blobs(want->tile)));
-    CHECK(bench.pool.progress(session).empty());
+    const ContentHash hash = bench.compile(text, KernelChoice::reference);
+    (void)bench.next_as<SceneCompiled>();
+    for (const std::uint64_t ticket : {1u, 2u, 3u, 4u, 5u, 6u})
+        bench.pool.perform(
+            session, whole_picture(Ticket{ticket}, hash, {8, 6},
+                                   ticket % 2 ? KernelChoice::fast : KernelChoice::reference));
+    bench.pool.perform(session, StopTile{Ticket{3}});
+    bench.pool.perform(session, ForgetScene{hash});
+    const Blob want[] = {pixel_blobs(drawn(text, {8, 6}, Kernel::reference).tile).at(0),
+                         pixel_blobs(drawn(text, {8, 6}, Kernel::fast).tile).at(0)};
+    std::set<std::uint64_t> finished;
+    while (!std::ranges::includes(finished, std::array{1u, 2u, 4u, 5u, 6u}))
+        for (const TileFinished& tile : bench.some_finished()) {
+            const auto ticket = static_cast<std::uint64_t>(tile.ticket);
+            CHECK(finished.insert(ticket).second);
+            CHECK(*tile.blobs.at(0) == *want[ticket % 2]);
+        }
 }
 
 TEST_CASE("a scene that cannot be read says where and why") {

@@ -102,17 +102,36 @@ TEST_CASE("session asks for a scene once, though many tiles wait, and starts the
     CHECK(of_type<StartTile>(driver.step(SceneCompiled{scene.hash})).size() == 4);
 }
 
+TEST_CASE("a scene is compiled for the kernel of its first tile; each tile names its own") {
+    SessionDriver driver;
+    driver.connect();
+    const TestScene scene(3);
+    RenderTile reference = order(scene, 0);
+    reference.settings.kernel = KernelChoice::reference;
+    (void)driver.receive(order(TestScene(3, 'z'), 7));
+    (void)driver.receive(reference);
+    (void)driver.receive(order(scene, 1));
+    const auto compiles = of_type<CompileScene>(driver.receive(scene.chunk(0)));
+    REQUIRE(compiles.size() == 1);
+    CHECK(compiles[0].kernel == KernelChoice::reference);
+    const auto started = of_type<StartTile>(driver.step(SceneCompiled{scene.hash}));
+    REQUIRE(started.size() == 2);
+    CHECK(started[0].settings.kernel == KernelChoice::reference);
+    CHECK(started[1].settings.kernel == KernelChoice::fast);
+}
+
 TEST_CASE("session answers a rendered tile, once") {
     Ready driver;
     const auto started = of_type<StartTile>(driver.receive(order(driver.scene, 5, 2)));
     REQUIRE(started.size() == 1);
     CHECK(started[0].rect == PixelRect{0, 0, 16, 16});
-    const TileFinished finished{started[0].ticket, Rays{1, 2, 3, 4}, 7ms, {make_blob(Bytes(12))}};
+    const TileFinished finished{
+        started[0].ticket, Rays{1, 2, 3, 4, 5, 6, 7, 8, 9}, 7ms, {make_blob(Bytes(12))}};
     const auto answers = sent<TileRendered>(driver.step(finished));
     REQUIRE(answers.size() == 1);
     CHECK(answers[0].tile == TileIndex{5});
     CHECK(answers[0].attempt == AttemptNumber{2});
-    CHECK(answers[0].rays == Rays{1, 2, 3, 4});
+    CHECK(answers[0].rays == finished.rays);
     CHECK(answers[0].elapsed == 7ms);
     CHECK(answers[0].blobs.size() == 1);
     CHECK(driver.step(finished).empty());

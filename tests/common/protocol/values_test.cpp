@@ -1,6 +1,7 @@
 #include "common/protocol/bitmap.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/messages.hpp"
 #include "common/protocol/settings.hpp"
 #include "common/protocol/topics.hpp"
 
@@ -34,6 +35,17 @@ TEST_CASE("topics are short and lead back to their ids") {
     CHECK_FALSE(topic_id<JobId>('J', "J123").has_value());
     CHECK_FALSE(topic_id<JobId>('J', "").has_value());
     CHECK(job_topic(job).size() < 246);
+}
+
+TEST_CASE("sums of rays take in every count and stay at the largest number") {
+    Rays sum{1, 2, 3, 4, 5, 6, 7, 8, 9};
+    sum += {10, 20, 30, 40, 50, 60, 70, 80, 90};
+    CHECK(sum == Rays{11, 22, 33, 44, 55, 66, 77, 88, 99});
+    CHECK(sum.traced() == 66);
+    CHECK(sum.total() == 110);
+    sum += {.refracted = UINT64_MAX, .truncated_pixels = UINT64_MAX};
+    CHECK(sum == Rays{11, 22, UINT64_MAX, 44, 55, 66, 77, 88, UINT64_MAX});
+    CHECK(sum.total() == UINT64_MAX);
 }
 
 TEST_CASE("settings are held against the limits") {
