@@ -26,10 +26,12 @@ struct RenderSettings {
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
 };
 
-/// The work that a picture took. Sums of tiles; how much a tile takes depends on the tile alone.
+/// The work that a picture took: the sum of its tiles'. Rays and shaded hits do not depend on how
+/// the picture is cut into tiles; tests do, since what lies beside a tile is not tested.
 struct RayCounts {
     /// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
-    /// (neither out of depth nor below the cut level); shadow rays those that were traced.
+    /// (neither out of depth nor below the cut level). Shadow rays are asked for where light may
+    /// fall; that nothing is in the way may be known without a test.
     std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
     // Of the fast kernel alone; 0 of the reference.
     std::uint64_t box_tests = 0, form_tests = 0; ///< rays tested against a box, against a surface

@@ -8,11 +8,48 @@
 namespace fraja::kernel {
 namespace {
 
+/// Camera rays go nearly the same way: what lies beside it need not be looked at.
+inline void TileTracer::look_where_rays_go() {
+    walker_.look_at_all();
+    RayQueue& rays = wave_.rays;
+    const std::size_t n = rays.size();
+    const auto outside = [](std::int64_t filler) { return filler == none; };
+    if (wave_.depth < job_.depth ||
+        (tables_.stateful && !std::all_of(rays.fillers(), rays.fillers() + n, outside)))
+        return;
+    Beam beam{};
+    const WideRays middle = rays.rays_at(n / 2 / lanes * lanes);
+    const double start[] = {middle.origin.x[0], middle.origin.y[0], middle.origin.z[0]};
+    const double dir[] = {middle.dir.x[0], middle.dir.y[0], middle.dir.z[0]};
+    for (int c = 0; c < 3; ++c)
+        beam.start[c] = start[c], beam.dir[c] = dir[c];
+    Wide distance_squared{}, least_cosine = all_lanes(1.0);
+    for (std::size_t i = 0; i < n; i += lanes) {
+        const WideRays r = rays.rays_at(i);
+        const Wide3 way = r.origin - all_lanes3(beam.start);
+        distance_squared = greater(dot(way, way), distance_squared);
+        least_cosine = lesser(dot(r.dir, all_lanes3(beam.dir)), least_cosine);
+    }
+    double squared = 0, cosine = 1;
+    for (int lane = 0; lane < lanes; ++lane) {
+        squared = distance_squared[lane] > squared ? distance_squared[lane] : squared;
+        cosine = least_cosine[lane] < cosine ? least_cosine[lane] : cosine;
+    }
+    if (!(cosine > 0.5))
+        return;
+    beam.radius = __builtin_sqrt(squared);
+    // 1 - cosine^2 has an error of a few units of 1e-16, which its root makes 1e-7 of.
+    beam.spread = __builtin_sqrt(1 - cosine * cosine + 1e-14) / cosine;
+    beam.length = __builtin_inf();
+    walker_.look_along(beam, none, tables_.stateful);
+}
+
 inline void TileTracer::trace() {
     const std::size_t n = wave_.rays.size();
     keys_.resize(n + packet_rays);
     sides_.resize(n + packet_rays, {none, none});
     spheres_met_.resize(n + packet_rays);
+    look_where_rays_go();
     Packet packet;
     for (std::size_t i = 0; i < n && going_on(); i += packet_rays) {
         if (tables_.stateful)
@@ -21,7 +58,7 @@ inline void TileTracer::trace() {
             trace_stateless(i, packet);
         report(std::min<std::size_t>(packet_rays, n - i));
     }
-    result_.counts.form_tests += std::uint64_t{n} * tables_.surface_count;
+    result_.counts.form_tests += std::uint64_t{n} * walker_.surfaces_in_view();
 }
 
 inline unsigned packet_mask(std::size_t rays) {

@@ -27,7 +27,13 @@ struct TileTracer::Incidence {
     Wide3 mirror_dir; ///< not normalised
     Wide3 coefficient;
     Wide3 kd;
+    Wide3 light; ///< local, so far
 };
+
+inline TileTracer::TileTracer(const Tables& tables, const TileJob& job, const TileControl& control)
+    : tables_(tables), job_(job), control_(control), walker_(tables),
+      spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
+      key_begin_(std::size_t{miss_key()} + 2), batch_(batch_rays / lanes), pixel_sum_(3) {}
 
 inline void TileTracer::shade() {
     next_.reserve(2 * wave_.rays.size());
@@ -38,8 +44,8 @@ inline void TileTracer::shade() {
         if (key == miss_key())
             add_background(order_.data() + begin, end - begin);
         else
-            for (std::size_t i = begin; i < end && going_on(); i += packet_rays)
-                shade_packet(key, order_.data() + i, std::min<std::size_t>(packet_rays, end - i));
+            for (std::size_t i = begin; i < end && going_on(); i += batch_rays)
+                shade_batch(key, order_.data() + i, std::min(batch_rays, end - i));
         begin = end;
     }
 }
@@ -54,10 +60,11 @@ inline void TileTracer::add_background(const std::uint32_t* index, std::size_t c
     }
 }
 
-inline void TileTracer::shade_packet(std::uint32_t key, const std::uint32_t* index,
-                                     std::size_t count) {
-    std::uint32_t padded[packet_rays];
-    for (std::size_t i = 0; i < packet_rays; ++i)
+inline void TileTracer::shade_batch(std::uint32_t key, const std::uint32_t* index,
+                                    std::size_t count) {
+    const std::size_t groups = (count + lanes - 1) / lanes;
+    std::uint32_t padded[batch_rays + lanes];
+    for (std::size_t i = 0; i < groups * lanes; ++i)
         padded[i] = index[std::min(i, count - 1)];
     const bool apart = key >= patch_keys();
     const Patch* const patch = apart ? nullptr : tables_.patches + key / 2;
@@ -65,19 +72,16 @@ inline void TileTracer::shade_packet(std::uint32_t key, const std::uint32_t* ind
     const std::uint32_t material = apart     ? key - patch_keys()
                                    : leaving ? patch->material_in
                                              : patch->material_out;
-    const int groups = static_cast<int>((count + lanes - 1) / lanes);
-    Incidence at[packet_groups] = {};
-    for (int g = 0; g < groups; ++g) {
-        const std::size_t used =
-            std::min<std::size_t>(lanes, count - static_cast<std::size_t>(lanes * g));
-        at[g] = meet({patch, tables_.materials + material, leaving, padded + lanes * g,
-                      mask_of((1u << used) - 1)});
+    for (std::size_t g = 0; g < groups; ++g) {
+        const std::size_t used = std::min<std::size_t>(lanes, count - lanes * g);
+        batch_[g] = meet({patch, tables_.materials + material, leaving, padded + lanes * g,
+                          mask_of((1u << used) - 1)});
     }
     result_.counts.shaded += count;
-    add_light(at, groups);
+    add_light(groups);
     if (wave_.depth > 1)
-        for (int g = 0; g < groups; ++g)
-            send_on(at[g]);
+        for (std::size_t g = 0; g < groups; ++g)
+            send_on(batch_[g]);
 }
 
 inline TileTracer::Incidence TileTracer::meet(const Group& group) {
@@ -116,69 +120,130 @@ inline TileTracer::Incidence TileTracer::meet(const Group& group) {
 }
 
 /// Local light (6.3), times what becomes of it on the way to the eye.
-inline void TileTracer::add_light(Incidence* at, int groups) {
-    const Material& material = *at->group.material;
-    const bool leaving = at->group.leaving;
-    Wide3 sum[packet_groups];
-    for (int g = 0; g < groups; ++g)
-        sum[g] = all_lanes3(tables_.ambient) * at[g].kd;
+inline void TileTracer::add_light(std::size_t groups) {
+    const Material& material = *batch_[0].group.material;
+    for (std::size_t g = 0; g < groups; ++g)
+        batch_[g].light = all_lanes3(tables_.ambient) * batch_[g].kd;
     for (std::uint32_t i = 0; i < tables_.light_count && material.lit; ++i) {
         const Light& light = tables_.lights[i];
-        Packet shadows;
-        Wide cosine[packet_groups];
-        Mask lit[packet_groups];
-        for (int g = 0; g < groups; ++g) {
-            Wide3 to_light = all_lanes3(light.to);
-            shadows.t[g] = never();
-            if (light.point) {
-                const Wide3 way = to_light - at[g].hit.place;
-                shadows.t[g] = square_root(dot(way, way));
-                to_light = (1.0 / shadows.t[g]) * way;
-            }
-            shadows.rays[g] = {at[g].hit.place, to_light, at[g].owner};
-            cosine[g] = dot(at[g].hit.normal, to_light);
-            if (leaving)
-                cosine[g] = -cosine[g];
-            lit[g] = at[g].group.active & (cosine[g] > 0);
-        }
-        cast_shadows(light, at, groups, shadows, lit);
-        const Wide3 rgb = all_lanes3(light.rgb);
-        for (int g = 0; g < groups; ++g) {
-            if (!any(lit[g]))
-                continue;
-            Wide3 add = (cosine[g] * rgb) * at[g].kd;
-            if (material.shiny) {
-                const Wide h = highlight(dot(shadows.rays[g].dir, at[g].mirror_dir), material.ns);
-                add = add + (h * rgb) * all_lanes3(material.krl);
-            }
-            sum[g] = sum[g] + select(lit[g], add, Wide3{});
-        }
+        const bool may_be_shadowed = look_towards(light, groups);
+        for (std::size_t g = 0; g < groups; g += packet_groups)
+            add_light_of(light, g, std::min<std::size_t>(packet_groups, groups - g),
+                         may_be_shadowed);
     }
-    for (int g = 0; g < groups; ++g) {
-        const Wide3 light = sum[g] * at[g].coefficient;
-        const auto used = __builtin_popcount(bits_of(at[g].group.active));
+    for (std::size_t g = 0; g < groups; ++g) {
+        const Incidence& at = batch_[g];
+        const Wide3 light = at.light * at.coefficient;
+        const auto used = __builtin_popcount(bits_of(at.group.active));
         for (int lane = 0; lane < used; ++lane) {
-            double* radiance = radiance_.data() + 3 * wave_.rays.samples()[at[g].group.index[lane]];
+            double* radiance = radiance_.data() + 3 * wave_.rays.samples()[at.group.index[lane]];
             radiance[0] += light.x[lane], radiance[1] += light.y[lane];
             radiance[2] += light.z[lane];
         }
     }
 }
 
-/// Of the lanes that a light could light, leaves those that it does.
-inline void TileTracer::cast_shadows(const Light& light, const Incidence* at, int groups,
-                                     Packet& shadows, Mask* lit) {
-    std::uint64_t count = 0;
-    unsigned outside = 0;
-    for (int g = 0; g < groups; ++g) {
-        WideInt filler = all_lanes(std::int64_t{none});
-        if (tables_.stateful) {
-            filler = gather(wave_.rays.fillers(), at[g].group.index);
-            if (light.within_known) // another volume's light has to cross a surface
-                lit[g] &= filler == all_lanes(std::int64_t{light.within});
+/// Has the walker look at what may stand between a batch and a light; whether there is anything.
+inline bool TileTracer::look_towards(const Light& light, std::size_t groups) {
+    const auto owner = batch_[0].group.patch ? std::int64_t{batch_[0].group.patch->surface} : none;
+    Wide3 low = batch_[0].hit.place, high = low;
+    Mask outside = ~Mask{}; // of everything
+    for (std::size_t g = 0; g < groups; ++g) {
+        const Wide3& p = batch_[g].hit.place;
+        low = {lesser(p.x, low.x), lesser(p.y, low.y), lesser(p.z, low.z)};
+        high = {greater(p.x, high.x), greater(p.y, high.y), greater(p.z, high.z)};
+        if (tables_.stateful)
+            outside &= gather(wave_.rays.fillers(), batch_[g].group.index) ==
+                       all_lanes(std::int64_t{none});
+    }
+    if (any(~outside)) {
+        walker_.look_at_all();
+        return true;
+    }
+    Beam beam{};
+    double diagonal_squared = 0, length_squared = 0;
+    const Wide* const lows[] = {&low.x, &low.y, &low.z};
+    const Wide* const highs[] = {&high.x, &high.y, &high.z};
+    for (int c = 0; c < 3; ++c) {
+        double least = (*lows[c])[0], most = (*highs[c])[0];
+        for (int lane = 1; lane < lanes; ++lane) {
+            least = (*lows[c])[lane] < least ? (*lows[c])[lane] : least;
+            most = (*highs[c])[lane] > most ? (*highs[c])[lane] : most;
         }
+        beam.start[c] = 0.5 * (least + most);
+        diagonal_squared += (most - least) * (most - least);
+        beam.dir[c] = light.point ? light.to[c] - beam.start[c] : light.to[c];
+        length_squared += beam.dir[c] * beam.dir[c];
+    }
+    beam.radius = 0.5 * __builtin_sqrt(diagonal_squared);
+    beam.length = light.point ? __builtin_sqrt(length_squared) : __builtin_inf();
+    if (light.point)
+        for (double& component : beam.dir)
+            component /= beam.length;
+    if (!(length_squared > 1e-280)) { // at the light, or absurd
+        walker_.look_at_all();
+        return true;
+    }
+    return walker_.look_along(beam, owner, false);
+}
+
+/// A light on some groups of the batch.
+inline void TileTracer::add_light_of(const Light& light, std::size_t first, std::size_t groups,
+                                     bool may_be_shadowed) {
+    Incidence* const at = batch_.data() + first;
+    const Material& material = *at->group.material;
+    Packet shadows;
+    Wide cosine[packet_groups];
+    Mask lit[packet_groups];
+    for (std::size_t g = 0; g < groups; ++g) {
+        Wide3 to_light = all_lanes3(light.to);
+        shadows.t[g] = never();
+        if (light.point) {
+            const Wide3 way = to_light - at[g].hit.place;
+            shadows.t[g] = square_root(dot(way, way));
+            to_light = (1.0 / shadows.t[g]) * way;
+        }
+        shadows.rays[g] = {at[g].hit.place, to_light, at[g].owner};
+        cosine[g] = dot(at[g].hit.normal, to_light);
+        if (at->group.leaving)
+            cosine[g] = -cosine[g];
+        lit[g] = at[g].group.active & (cosine[g] > 0);
+    }
+    if (light.within_known) // another volume's light has to cross a surface
+        for (std::size_t g = 0; g < groups; ++g)
+            lit[g] &= gather(wave_.rays.fillers(), at[g].group.index) ==
+                      all_lanes(std::int64_t{light.within});
+    std::uint64_t asked = 0;
+    for (std::size_t g = 0; g < groups; ++g)
+        asked += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
+    result_.counts.shadow += asked;
+    report(asked);
+    if (may_be_shadowed || tables_.bvh)
+        cast_shadows(at, groups, shadows, lit);
+    const Wide3 rgb = all_lanes3(light.rgb);
+    for (std::size_t g = 0; g < groups; ++g) {
         if (!any(lit[g]))
             continue;
+        Wide3 add = (cosine[g] * rgb) * at[g].kd;
+        if (material.shiny) {
+            const Wide h = highlight(dot(shadows.rays[g].dir, at[g].mirror_dir), material.ns);
+            add = add + (h * rgb) * all_lanes3(material.krl);
+        }
+        at[g].light = at[g].light + select(lit[g], add, Wide3{});
+    }
+}
+
+/// Of the lanes that a light could light, leaves those that it does.
+inline void TileTracer::cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows,
+                                     Mask* lit) {
+    std::uint64_t count = 0;
+    unsigned outside = 0;
+    for (std::size_t g = 0; g < groups; ++g) {
+        if (!any(lit[g]))
+            continue;
+        WideInt filler = all_lanes(std::int64_t{none});
+        if (tables_.stateful)
+            filler = gather(wave_.rays.fillers(), at[g].group.index);
         count += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
         if (!tables_.stateful) {
             lit[g] &= ~walker_.meets_anything(shadows.rays[g], lit[g], shadows.t[g]);
@@ -195,15 +260,13 @@ inline void TileTracer::cast_shadows(const Light& light, const Incidence* at, in
         }
         outside |= bits_of(lit[g] & (filler == all_lanes(std::int64_t{none}))) << (g * lanes);
     }
-    result_.counts.shadow += count;
-    result_.counts.form_tests += count * tables_.surface_count;
-    report(count);
+    result_.counts.form_tests += count * walker_.surfaces_in_view();
     if (!tables_.bvh || outside == 0)
         return;
-    for (int g = groups; g < packet_groups; ++g) // not looked at, but read
+    for (std::size_t g = groups; g < packet_groups; ++g) // not looked at, but read
         shadows.rays[g] = shadows.rays[0], shadows.t[g] = shadows.t[0];
     const unsigned blocked = spheres_.find_blocked(shadows, outside);
-    for (int g = 0; g < groups; ++g)
+    for (std::size_t g = 0; g < groups; ++g)
         lit[g] &= ~mask_of(blocked >> (g * lanes) & every_lane);
 }
 

@@ -1,5 +1,6 @@
 #include "common/render/kernel/program.hpp"
 
+#include "common/render/kernel/bounds.hpp"
 #include "common/render/overlap_message.hpp"
 
 #include <algorithm>
@@ -195,7 +196,13 @@ void Program::add_leaves() {
 
 void Program::add_leaf(const SolidLeaf& leaf) {
     const auto index = static_cast<std::uint32_t>(leaves_.size());
-    leaves_.push_back({node_of(leaf.inside), leaf.refractive_index});
+    const BoundingSphere bounds = bounding_sphere(leaf.inside, surfaces_);
+    Leaf entry{};
+    entry.root = node_of(leaf.inside);
+    entry.refractive_index = leaf.refractive_index;
+    put(entry.center, bounds.center);
+    entry.radius = bounds.radius;
+    entry.surface_begin = static_cast<std::uint32_t>(leaf_surfaces_.size());
     std::int32_t* simple = nullptr;
     if (leaf.inside.kind == Expression::Kind::literal && !leaf.inside.negated)
         simple = &leaf_of_surface_[leaf.inside.surface];
@@ -204,13 +211,19 @@ void Program::add_leaf(const SolidLeaf& leaf) {
     else
         composite_leaves_.push_back(index);
     std::set<std::pair<std::uint32_t, bool>> seen;
-    if (simple && *simple == static_cast<std::int32_t>(index))
-        entry_keys_[leaf.inside.surface] = static_cast<std::uint32_t>(2 * patches_.size());
-    for (const LeafSurface& s : leaf.surfaces)
-        if (seen.insert({s.side.surface, s.side.negated}).second)
-            patches_.push_back({index, s.side.surface, s.side.negated,
-                                static_cast<std::uint32_t>(s.texture_in),
-                                static_cast<std::uint32_t>(s.texture_out)});
+    for (const LeafSurface& s : leaf.surfaces) {
+        leaf_surfaces_.push_back(s.side.surface);
+        if (!seen.insert({s.side.surface, s.side.negated}).second)
+            continue;
+        if (simple && *simple == static_cast<std::int32_t>(index) && !s.side.negated &&
+            s.side.surface == leaf.inside.surface)
+            entry_keys_[s.side.surface] = static_cast<std::uint32_t>(2 * patches_.size());
+        patches_.push_back({index, s.side.surface, s.side.negated,
+                            static_cast<std::uint32_t>(s.texture_in),
+                            static_cast<std::uint32_t>(s.texture_out)});
+    }
+    entry.surface_count = static_cast<std::uint32_t>(leaf_surfaces_.size()) - entry.surface_begin;
+    leaves_.push_back(entry);
 }
 
 Node Program::node_of(const Expression& e) {
@@ -497,6 +510,7 @@ void Program::point_tables() {
     t.surface_count = static_cast<std::uint32_t>(collector_.size());
     t.leaves = leaves_.data(), t.leaf_count = count(leaves_);
     t.nodes = nodes_.data();
+    t.leaf_surfaces = leaf_surfaces_.data();
     t.leaf_of_surface = leaf_of_surface_.data();
     t.entry_keys = entry_keys_.data();
     t.composite_leaves = composite_leaves_.data();

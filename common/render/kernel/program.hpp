@@ -59,6 +59,7 @@ private:
     SurfaceCollector::Sorted surfaces_;
     std::vector<Leaf> leaves_;
     std::vector<Node> nodes_;
+    std::vector<std::uint32_t> leaf_surfaces_;
     std::vector<std::int32_t> leaf_of_surface_;
     std::vector<std::uint32_t> entry_keys_, composite_leaves_;
     std::unique_ptr<bool[]> in_composite_;

@@ -90,6 +90,7 @@ inline void TileTracer::start_wave(const Block& block) {
     const double dx = 1.0 / static_cast<double>(n * job_.picture_width);
     const double dy = 1.0 / static_cast<double>(n * job_.picture_height);
     const std::size_t samples = rays_of_.size();
+    walker_.look_at_all();
     wave_.depth = job_.depth;
     wave_.rays.reserve(samples);
     Wide x{}, y{};

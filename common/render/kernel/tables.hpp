@@ -18,6 +18,7 @@ inline constexpr std::int32_t none = -1;
 // one, so that coincident surfaces are crossed at one instant, whatever rounding does.
 
 enum class SurfaceKind : std::uint8_t { sphere, plane, cylinder, cone };
+inline constexpr std::size_t surface_kinds = 4;
 
 struct SphereSurface {
     double center[3], radius; ///< radius >= 0
@@ -73,6 +74,8 @@ struct Node {
 struct Leaf {
     Node root;
     double refractive_index;
+    double center[3], radius; ///< of a sphere around it; radius infinite where there is none
+    std::uint32_t surface_begin, surface_count; ///< what it is made of, in leaf_surfaces
 };
 
 /// A surface as part of a leaf.
@@ -127,6 +130,7 @@ struct Tables {
     const Leaf* leaves;
     std::uint32_t leaf_count;
     const Node* nodes;
+    const std::uint32_t* leaf_surfaces;
     /// The leaf that is the inside of a surface, by surface; none.
     const std::int32_t* leaf_of_surface;
     /// The key of a hit where that leaf is entered: twice the patch.

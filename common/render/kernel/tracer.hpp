@@ -25,6 +25,8 @@ namespace {
 constexpr std::uint32_t block_samples_max = 1024;
 /// A wave of more rays is split: by samples, or the rays of one sample that has as many.
 constexpr std::size_t wave_rays_max = 32768;
+/// Hits that are shaded together: of one material, they look for what is in the light's way once.
+constexpr std::size_t batch_rays = 128;
 /// Rays between two questions whether to go on.
 constexpr std::size_t rays_per_report = 1024;
 
@@ -68,6 +70,7 @@ private:
     void split_wave();
 
     // hits.hpp
+    void look_where_rays_go();
     void trace();
     void trace_stateful(std::size_t i, Packet& packet);
     void trace_stateless(std::size_t i, Packet& packet);
@@ -89,11 +92,13 @@ private:
     struct Incidence;
     void shade();
     void add_background(const std::uint32_t* index, std::size_t count);
-    void shade_packet(std::uint32_t key, const std::uint32_t* index, std::size_t count);
+    void shade_batch(std::uint32_t key, const std::uint32_t* index, std::size_t count);
     Incidence meet(const Group& group);
-    void add_light(Incidence* at, int groups);
-    void cast_shadows(const Light& light, const Incidence* at, int groups, Packet& shadows,
-                      Mask* lit);
+    void add_light(std::size_t groups);
+    bool look_towards(const Light& light, std::size_t groups);
+    void add_light_of(const Light& light, std::size_t first, std::size_t groups,
+                      bool may_be_shadowed);
+    void cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows, Mask* lit);
     void send_on(const Incidence& at);
 
     [[nodiscard]] Mask below_cut(Wide3 c) const {
@@ -147,16 +152,12 @@ private:
     std::vector<double> radiance_; ///< red, green, blue
     std::vector<std::uint32_t> rays_of_;
 
+    std::vector<Incidence> batch_;
     std::vector<double> pixel_sum_; ///< of a pixel whose samples are in several blocks
     bool pixel_truncated_ = false;
     std::uint64_t unreported_ = 0;
     TileResult result_;
 };
-
-inline TileTracer::TileTracer(const Tables& tables, const TileJob& job, const TileControl& control)
-    : tables_(tables), job_(job), control_(control), walker_(tables),
-      spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
-      key_begin_(std::size_t{miss_key()} + 2), pixel_sum_(3) {}
 
 } // namespace
 } // namespace fraja::kernel

@@ -5,6 +5,7 @@
 // them true" asks each part for the next time at which it is, until none moves.
 #pragma once
 
+#include "common/render/kernel/beam.hpp"
 #include "common/render/kernel/roots.hpp"
 #include "common/render/kernel/tables.hpp"
 #include "common/render/kernel/wide.hpp"
@@ -16,20 +17,6 @@ namespace {
 
 /// What fills the space where leaves overlap and neither displaces all others.
 constexpr std::int32_t unresolved = -2;
-
-/// Calls f(surface, index) for every surface, with its own type.
-template <class F>
-FRAJA_WIDE void for_each_surface(const Tables& tables, F&& f) {
-    std::int64_t index = 0;
-    for (std::uint32_t i = 0; i < tables.sphere_count; ++i)
-        f(tables.spheres[i], index++);
-    for (std::uint32_t i = 0; i < tables.plane_count; ++i)
-        f(tables.planes[i], index++);
-    for (std::uint32_t i = 0; i < tables.cylinder_count; ++i)
-        f(tables.cylinders[i], index++);
-    for (std::uint32_t i = 0; i < tables.cone_count; ++i)
-        f(tables.cones[i], index++);
-}
 
 /// Calls f(surface) for the one with that index.
 template <class F>
@@ -121,7 +108,23 @@ class Walker {
 public:
     explicit Walker(const Tables& tables)
         : tables_(tables), first_(tables.surface_count), second_(tables.surface_count),
-          inside_(tables.surface_count), bits_(tables.surface_words), leaves_(tables.leaf_words) {}
+          inside_(tables.surface_count), bits_(tables.surface_words), leaves_(tables.leaf_words) {
+        look_at_all();
+    }
+
+    /// From now on all leaves are looked at.
+    void look_at_all();
+    /// From now on only leaves that rays of the beam, which start outside of everything but (if it
+    /// is not none) on `owner`, may enter; whether there are any. Composite ones, whose surfaces
+    /// rays with state must keep track of, in any case if `all_composites`.
+    bool look_along(const Beam& beam, std::int64_t owner, bool all_composites);
+
+    [[nodiscard]] std::size_t surfaces_in_view() const {
+        std::size_t count = 0;
+        for (const auto& surfaces : in_view_)
+            count += surfaces.size();
+        return count;
+    }
 
     /// Of rays with state, the surfaces they start inside of, by word.
     [[nodiscard]] WideInt* bits() { return bits_.data(); }
@@ -158,6 +161,11 @@ private:
     static Moment before_start() { return {all_lanes(-1.0), all_lanes(std::int64_t{none})}; }
     Moment next_time(const Node& node, bool wanted, Moment from);
     Moment next_time_of_literal(const Node& node, bool wanted, Moment from);
+    template <class F>
+    void for_each_surface_in_view(F&& f) const;
+    [[nodiscard]] bool may_enter(const Beam& beam, std::int64_t leaf, std::int64_t owner) const;
+    void see(std::uint32_t surface);
+
     template <class Surface>
     void keep_sided_crossings(const Surface& surface, std::int64_t index, const WideRays& rays);
     Mask holds(const Node& node, const WideInt* bits);
@@ -171,7 +179,99 @@ private:
     std::vector<Mask> inside_;
     std::vector<WideInt> bits_;
     std::vector<WideInt> leaves_;
+
+    // What is looked at: surfaces, by kind, and composite leaves.
+    std::vector<std::uint32_t> in_view_[surface_kinds];
+    std::vector<std::uint32_t> composites_in_view_;
+    std::vector<bool> seen_; ///< by surface
+    bool all_in_view_ = false;
 };
+
+/// Calls f(surface, index) for each, with its own type.
+template <class F>
+FRAJA_WIDE void Walker::for_each_surface_in_view(F&& f) const {
+    for (const std::uint32_t s : in_view_[0])
+        f(tables_.spheres[s], std::int64_t{s});
+    std::uint32_t first = tables_.sphere_count;
+    for (const std::uint32_t s : in_view_[1])
+        f(tables_.planes[s - first], std::int64_t{s});
+    first += tables_.plane_count;
+    for (const std::uint32_t s : in_view_[2])
+        f(tables_.cylinders[s - first], std::int64_t{s});
+    first += tables_.cylinder_count;
+    for (const std::uint32_t s : in_view_[3])
+        f(tables_.cones[s - first], std::int64_t{s});
+}
+
+inline void Walker::see(std::uint32_t surface) {
+    if (seen_[surface])
+        return;
+    seen_[surface] = true;
+    const std::uint32_t planes = tables_.sphere_count;
+    const std::uint32_t cylinders = planes + tables_.plane_count;
+    const std::uint32_t cones = cylinders + tables_.cylinder_count;
+    in_view_[surface < planes      ? 0
+             : surface < cylinders ? 1
+             : surface < cones     ? 2
+                                   : 3]
+        .push_back(surface);
+}
+
+inline void Walker::look_at_all() {
+    if (all_in_view_)
+        return;
+    all_in_view_ = true;
+    for (auto& surfaces : in_view_)
+        surfaces.clear();
+    seen_.assign(tables_.surface_count, false);
+    for (std::uint32_t s = 0; s < tables_.surface_count; ++s)
+        see(s);
+    composites_in_view_.assign(tables_.composite_leaves,
+                               tables_.composite_leaves + tables_.composite_leaf_count);
+}
+
+inline bool Walker::look_along(const Beam& beam, std::int64_t owner, bool all_composites) {
+    all_in_view_ = false;
+    for (auto& surfaces : in_view_)
+        surfaces.clear();
+    composites_in_view_.clear();
+    seen_.assign(tables_.surface_count, false);
+    bool any_in_view = false;
+    for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
+        const std::int32_t leaf = tables_.leaf_of_surface[s];
+        if (leaf != none && may_enter(beam, leaf, s == owner ? owner : none)) {
+            see(s);
+            any_in_view = true;
+        }
+    }
+    for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
+        const std::uint32_t index = tables_.composite_leaves[i];
+        const Leaf& leaf = tables_.leaves[index];
+        if (!all_composites && beam.misses(leaf.center, leaf.radius))
+            continue;
+        any_in_view = true;
+        composites_in_view_.push_back(index);
+        for (std::uint32_t s = 0; s < leaf.surface_count; ++s)
+            see(tables_.leaf_surfaces[leaf.surface_begin + s]);
+    }
+    for (std::uint32_t s = 0; s < tables_.surface_count; ++s)
+        if (!seen_[s])
+            first_[s] = second_[s] = never();
+    return any_in_view;
+}
+
+/// Of a leaf that is the inside of a surface; `owner`: that surface, if the rays start on it.
+inline bool Walker::may_enter(const Beam& beam, std::int64_t leaf, std::int64_t owner) const {
+    const Leaf& l = tables_.leaves[leaf];
+    if (beam.misses(l.center, l.radius))
+        return false;
+    const std::uint32_t surface = l.root.first;
+    const std::uint32_t first = tables_.sphere_count;
+    if (surface < first + tables_.plane_count && surface >= first)
+        return owner == none && !beam.stays_outside(tables_.planes[surface - first]);
+    // A sphere or a cylinder that rays leave, they do not enter; a cone has another nappe.
+    return owner == none || surface >= first + tables_.plane_count + tables_.cylinder_count;
+}
 
 FRAJA_WIDE Walker::Moment Walker::next_time_of_literal(const Node& node, bool wanted, Moment from) {
     const std::uint32_t s = node.first;
@@ -242,7 +342,7 @@ FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf,
 Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
     const WideInt nothing = all_lanes(std::int64_t{none});
     Found found{limit, nothing, nothing};
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+    for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
         if (tables_.leaf_of_surface[index] != none) {
             const Wide entry = entry_of(surface, index, rays);
             const Mask nearer = entry < found.t;
@@ -252,8 +352,7 @@ Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
         if (tables_.in_composite[index])
             keep_sided_crossings(surface, index, rays);
     });
-    for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
-        const std::uint32_t leaf = tables_.composite_leaves[i];
+    for (const std::uint32_t leaf : composites_in_view_) {
         const Moment entry = next_time(tables_.leaves[leaf].root, true, before_start());
         consider(found, entry, leaf, entry.surface != nothing, nothing);
     }
@@ -262,14 +361,16 @@ Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
 
 Mask Walker::meets_anything(const WideRays& rays, Mask active, Wide limit) {
     Mask clear = active;
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+    for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
         if (tables_.leaf_of_surface[index] != none)
             clear &= ~(entry_of(surface, index, rays) < limit);
         if (tables_.in_composite[index])
             keep_sided_crossings(surface, index, rays);
     });
-    for (std::uint32_t i = 0; i < tables_.composite_leaf_count && any(clear); ++i) {
-        const Node& root = tables_.leaves[tables_.composite_leaves[i]].root;
+    for (const std::uint32_t leaf : composites_in_view_) {
+        if (!any(clear))
+            break;
+        const Node& root = tables_.leaves[leaf].root;
         const Moment entry = next_time(root, true, before_start());
         clear &= ~((entry.t < limit) & (entry.surface != all_lanes(std::int64_t{none})));
     }
@@ -309,7 +410,7 @@ Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide li
     const auto may_show = [&](std::int64_t leaf) {
         return all_outside ? ~Mask{} : outside | shows_in(filler, leaf);
     };
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+    for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
         const auto s = static_cast<std::size_t>(index);
         inside_[s] = bit_at(bits_.data(), index);
         const Crossings c = crossings_of(surface, index, rays, inside_[s]);
@@ -320,8 +421,7 @@ Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide li
                      (may_show(leaf) & ~inside_[s]) | (filler == all_lanes(leaf)) | lost, filler);
     });
     const Moment start = before_start();
-    for (std::uint32_t i = 0; i < tables_.composite_leaf_count; ++i) {
-        const std::int64_t leaf = tables_.composite_leaves[i];
+    for (const std::int64_t leaf : composites_in_view_) {
         const Node& root = tables_.leaves[leaf].root;
         const Moment entry = next_time(root, true, start);
         consider(found, entry, leaf, (may_show(leaf) | lost) & (entry.surface != nothing), filler);
@@ -379,7 +479,7 @@ const WideInt* Walker::find_leaves() {
 void Walker::find_inside(Wide3 origin, Wide3 dir) {
     for (WideInt& word : bits_)
         word = WideInt{};
-    for_each_surface(tables_, [&](const auto& surface, std::int64_t index) {
+    for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
         bits_[static_cast<std::size_t>(index >> 6)] |=
             starts_inside(surface, origin, dir) &
             all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (index & 63)));

@@ -51,7 +51,12 @@ TEST_CASE("a pixel's bits do not depend on the tile it is drawn in") {
                 }
             CHECK(std::equal(film.pixels().begin(), film.pixels().end(), whole->tile.rgb.begin(),
                              whole->tile.rgb.end()));
-            CHECK(rays == whole->rays);
+            // How much had to be tested for them is the tile's.
+            CHECK(rays.camera == whole->rays.camera);
+            CHECK(rays.reflected == whole->rays.reflected);
+            CHECK(rays.refracted == whole->rays.refracted);
+            CHECK(rays.shadow == whole->rays.shadow);
+            CHECK(rays.shaded == whole->rays.shaded);
         });
     }
 }

@@ -1,0 +1,20 @@
+// Spheres around what formulas fill, where they fill a bounded part of space.
+#pragma once
+
+#include "common/math/vec.hpp"
+#include "common/render/kernel/expression.hpp"
+#include "common/render/kernel/surfaces.hpp"
+
+namespace fraja::kernel {
+
+struct BoundingSphere {
+    Vec3 center{};
+    double radius = 0; ///< infinite where no bound is known; less than 0 around nothing
+};
+
+/// Surfaces have numbers of Tables. Known are: spheres, cylinders and cones capped by planes,
+/// polyhedra of up to 24 planes, and unions and intersections of these.
+[[nodiscard]] BoundingSphere bounding_sphere(const Expression& e,
+                                             const SurfaceCollector::Sorted& surfaces);
+
+} // namespace fraja::kernel
