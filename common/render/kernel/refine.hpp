@@ -100,7 +100,7 @@ FRAJA_WIDE WideHit hit_on(const WideSphere& s, Wide3 origin, Wide3 dir, Crossing
     const Wide t = signed_half - a.middle;
     const Wide3 normal = normalized(a.nearest + signed_half * dir);
     WideHit hit{greater(t, Wide{}), center + r * normal, normal};
-    const Mask near = (t < 0.0625 * r) & ~crossing.on_surface;
+    const Mask near = (t < r) & ~crossing.on_surface;
     if (any(near)) {
         const WideHit exact = near_hit_on(s, origin, dir, crossing);
         hit = {select(near, exact.t, hit.t), select(near, exact.place, hit.place),

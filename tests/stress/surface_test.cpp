@@ -1,0 +1,26 @@
+// Quick here; long by hand, as tools/bench/accuracy.
+#include "tests/stress/surface_cases.hpp"
+
+#include <doctest/doctest.h>
+
+namespace fraja::stress {
+namespace {
+
+TEST_CASE("hits have the digits that are promised, regime by regime") {
+    for (const Regime& regime : surface_regimes()) {
+        CAPTURE(regime.name);
+        Rng rng(1);
+        const Errors e = regime.run(rng, 2'000);
+        CHECK(e.cases == 2'000);
+        CHECK(e.missed == 0);
+        if (regime.marks.t > 0)
+            CHECK(e.t <= regime.marks.t);
+        if (regime.marks.place > 0)
+            CHECK(e.place <= regime.marks.place);
+        if (regime.marks.normal > 0)
+            CHECK(e.normal <= regime.marks.normal);
+    }
+}
+
+} // namespace
+} // namespace fraja::stress
