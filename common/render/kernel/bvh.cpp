@@ -115,6 +115,9 @@ private:
             return node.count <= leaf_spheres_max ? 0 : node.count / 2;
 
         const double scale = static_cast<double>(bins) / extent;
+        if (!std::isfinite(scale) ||
+            !std::isfinite(node.box.half_area())) // absurdly small, or great
+            return node.count <= leaf_spheres_max ? 0 : node.count / 2;
         const auto bin_of = [&](std::uint32_t nth) {
             const auto b = static_cast<std::size_t>((center(nth, axis) - low) * scale);
             return std::min(b, bins - 1);

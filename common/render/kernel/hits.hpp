@@ -37,7 +37,8 @@ inline void TileTracer::look_where_rays_go() {
     }
     if (!(cosine > 0.5))
         return;
-    beam.radius = __builtin_sqrt(squared);
+    // A start may lie behind the beam's, and its ray have spread when it gets there.
+    beam.radius = __builtin_sqrt(squared) / cosine;
     // 1 - cosine^2 has an error of a few units of 1e-16, which its root makes 1e-7 of.
     beam.spread = __builtin_sqrt(1 - cosine * cosine + 1e-14) / cosine;
     beam.length = __builtin_inf();
@@ -141,6 +142,9 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
             bits[w] = load(rays.inside(w) + at);
         const WideInt filler = load(rays.fillers() + at);
         const Walker::Found found = walker_.first_change(packet.rays[g], filler, packet.t[g]);
+        if (const Mask lost = (filler == all_lanes(std::int64_t{unresolved})) & (found.leaf >= 0);
+            any(lost))
+            return fail_overlap(LaneSet(walker_.find_leaves(), __builtin_ctz(bits_of(lost))));
         walker_.settle(found, (found.leaf >= 0) | (packet.surface[g] >= 0));
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             store(rays.inside(w) + at, bits[w]);
@@ -165,8 +169,6 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
 inline void TileTracer::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
                              std::int64_t surface) {
     std::int64_t& filler = wave_.rays.fillers()[ray];
-    if (filler == unresolved)
-        return fail_overlap(before);
     const bool leaving = leaf == filler;
     Sides& sides = sides_[ray];
     if (!leaving && filler == none && tables_.all_relations) {

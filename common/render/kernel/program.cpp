@@ -270,6 +270,9 @@ void Program::add_relations() {
 
 std::string Program::overlap_message(const Scene& scene,
                                      std::span<const std::uint32_t> leaves) const {
+    if (leaves.size() < 2) // rounding took one out of the set again
+        return "solids overlap where a ray passes and none has priority over the others; give each "
+               "a label of its own and say in priorities which is above the other";
     const auto parting = [&](std::uint32_t a, std::uint32_t b) {
         return solids_.parting(solid_leaves_[a], solid_leaves_[b]);
     };

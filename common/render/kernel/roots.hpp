@@ -111,7 +111,7 @@ FRAJA_WIDE Wide entry_of(const CylinderSurface& s, std::int64_t index, const Wid
     if (!any(hit))
         return never();
     const Wide half = square_root(greater(q.discriminant, Wide{}));
-    return select(hit, greater((-q.b - half) / q.a, Wide{}), never());
+    return select(hit, greater((-q.b - half) * (1.0 / q.a), Wide{}), never());
 }
 
 FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_surface) {

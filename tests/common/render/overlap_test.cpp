@@ -120,6 +120,19 @@ TEST_CASE("priorities in a circle are an error that says so") {
     CHECK(pixel.error().message.find("circle") != std::string::npos);
 }
 
+TEST_CASE("two solids that end at one instant, without a priority, are an error that names both") {
+    SceneBuilder b;
+    const auto s = b.solid(Sphere{{0, 1, 0}, 2}, glass(), IsotropicVolume{1.5}, "@s");
+    const auto t = b.solid(Sphere{{0, -1, 0}, 2}, glass(), IsotropicVolume{1.5}, "@t");
+    b.aggregate({s, t});
+    b.scene.camera = HorizontalCamera{{-0.5, 0, 0}, {1, 0, 0}, 0.1, 0.1, 0.1};
+    const auto pixel = draw_pixel(b.scene);
+    REQUIRE(!pixel.has_value());
+    CHECK(pixel.error().code == ErrorCode::unresolved_overlap);
+    CHECK(pixel.error().message.find("@s") != std::string::npos);
+    CHECK(pixel.error().message.find("@t") != std::string::npos);
+}
+
 TEST_CASE("of coincident surfaces the first member is seen") {
     SceneBuilder b;
     const auto s = b.solid(ball, matte(0.5));

@@ -87,6 +87,24 @@ TEST_CASE("every instruction set and every tile size draws the same bits") {
     });
 }
 
+TEST_CASE("balls as small as a pixel are seen, however the picture is cut") {
+    for_each_seed(scenes, [](Rng& rng) {
+        SceneBuilder b;
+        std::vector<SolidIndex> members;
+        for (int i = 0; i < 20; ++i)
+            members.push_back(b.solid(
+                Sphere{{10, rng.between(-6, 6), rng.between(-6, 6)}, rng.between(0.05, 0.3)},
+                matte(0.5)));
+        b.aggregate(members);
+        b.scene.world.ambient_light = {1, 1, 1};
+        const double side = rng.between(0.5, 3); // of a screen so wide that corners look far aside
+        b.scene.camera = HorizontalCamera{{0, 0, 0}, {1, 0, 0}, rng.between(0.5, 2), side, side};
+        const auto compiled = compile_scene(std::make_shared<const Scene>(b.scene), Kernel::fast);
+        const RenderSettings settings{.size = {32, 32}};
+        CHECK(pixels_of(*compiled, settings, {32, 32}) == pixels_of(*compiled, settings, {4, 4}));
+    });
+}
+
 TEST_CASE("many samples of a pixel, in several blocks, are the same bits in every tile") {
     Rng rng(7);
     const auto scene = std::make_shared<const Scene>(random_scene(rng));
