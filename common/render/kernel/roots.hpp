@@ -114,7 +114,15 @@ FRAJA_WIDE Wide entry_of(const CylinderSurface& s, std::int64_t index, const Wid
     return select(hit, greater((-q.b - half) * (1.0 / q.a), Wide{}), never());
 }
 
-FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_surface) {
+/// Likewise, and what else its roots are made of.
+struct ConeQuadratic : Quadratic {
+    Wide3 from_axis;          ///< f x axis, f the start from the tip
+    Wide slope_along_squared; ///< (slope * f . axis)^2
+    /// The constant term; negative inside.
+    [[nodiscard]] Wide c() const { return dot(from_axis, from_axis) - slope_along_squared; }
+};
+
+FRAJA_WIDE ConeQuadratic quadratic_of(const ConeSurface& s, const WideRays& ray) {
     const Wide3 axis = all_lanes3(s.axis);
     const Wide3 f = ray.origin - all_lanes3(s.origin);
     const Wide3 n = cross(ray.dir, axis);
@@ -123,17 +131,43 @@ FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_sur
     const Wide3 e = along_dir * f - along_f * ray.dir;
     const Wide3 g = cross(f, axis);
     const Wide w = dot(f, n);
-    const Wide a = dot(n, n) - s.slope_squared * (along_dir * along_dir);
-    const Wide b = dot(g, n) - s.slope_squared * (along_dir * along_f);
-    const Wide discriminant = s.slope_squared * dot(e, e) - w * w;
-    const Wide c = select(on_surface, Wide{}, dot(g, g) - s.slope_squared * (along_f * along_f));
-    const Mask real = (discriminant >= 0) | on_surface;
-    const Wide half = select(on_surface, magnitude(b), square_root(greater(discriminant, Wide{})));
-    const Wide q = select(b < 0, half - b, -b - half);
-    const Wide one = q / a;
+    return {{dot(n, n) - s.slope_squared * (along_dir * along_dir),
+             dot(g, n) - s.slope_squared * (along_dir * along_f),
+             s.slope_squared * dot(e, e) - w * w},
+            g,
+            s.slope_squared * (along_f * along_f)};
+}
+
+FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_surface) {
+    const ConeQuadratic k = quadratic_of(s, ray);
+    const Wide c = select(on_surface, Wide{}, k.c());
+    const Mask real = (k.discriminant >= 0) | on_surface;
+    const Wide half =
+        select(on_surface, magnitude(k.b), square_root(greater(k.discriminant, Wide{})));
+    const Wide q = select(k.b < 0, half - k.b, -k.b - half);
+    const Wide one = q / k.a;
     const Wide other = select(q == 0, Wide{}, c / q);
-    const Mask opens = a < 0; // the ray is steeper than the cone: it goes from nappe to nappe
-    return {lesser(one, other), greater(one, other), select(opens, b, -b), real, ~opens};
+    const Mask opens = k.a < 0; // the ray is steeper than the cone: it goes from nappe to nappe
+    return {lesser(one, other), greater(one, other), select(opens, k.b, -k.b), real, ~opens};
+}
+
+/// Of a ray that starts outside: a flat one goes in where its nearer root is, if that is ahead, a
+/// steep one on the other side of the tip, or where it meets the nappe it goes along.
+FRAJA_WIDE Wide entry_of(const ConeSurface& s, std::int64_t index, const WideRays& ray) {
+    const ConeQuadratic k = quadratic_of(s, ray);
+    const Mask on_surface = ray.owner == all_lanes(index);
+    const Mask steep = k.a < 0;
+    const Mask towards = (k.b < 0) & ~on_surface;
+    const Mask hit = steep | (towards & (k.discriminant >= 0)); // a steep one always has roots
+    if (!any(hit))
+        return never();
+    const Wide half =
+        select(on_surface, magnitude(k.b), square_root(greater(k.discriminant, Wide{})));
+    // The roots are q / a and c / q.
+    const Wide q = select(towards, half - k.b, -magnitude(k.b) - half);
+    const Wide c = select(on_surface, Wide{}, greater(k.c(), Wide{}));
+    const Wide t = select(towards, c, q) / select(towards, q, k.a);
+    return select(hit, greater(t, Wide{}), never());
 }
 
 template <class Surface>
