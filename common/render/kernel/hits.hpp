@@ -208,15 +208,25 @@ inline std::uint64_t TileTracer::crossed(std::size_t ray, std::int64_t surface, 
     return word;
 }
 
-/// Stable, by counting.
+/// By key, of one key by ray. Counting costs a step for each key there is, which may be many more
+/// than rays.
 inline void TileTracer::sort_hits() {
     const std::size_t n = wave_.rays.size();
+    order_.resize(n);
+    if (key_begin_.size() > 4 * n) {
+        key_and_ray_.resize(n);
+        for (std::size_t i = 0; i < n; ++i)
+            key_and_ray_[i] = std::uint64_t{keys_[i]} << 32 | i;
+        std::sort(key_and_ray_.begin(), key_and_ray_.end());
+        for (std::size_t i = 0; i < n; ++i)
+            order_[i] = static_cast<std::uint32_t>(key_and_ray_[i]);
+        return;
+    }
     std::fill(key_begin_.begin(), key_begin_.end(), 0u);
     for (std::size_t i = 0; i < n; ++i)
         ++key_begin_[keys_[i] + 1];
     for (std::size_t k = 1; k < key_begin_.size(); ++k)
         key_begin_[k] += key_begin_[k - 1];
-    order_.resize(n);
     for (std::size_t i = 0; i < n; ++i)
         order_[key_begin_[keys_[i]]++] = static_cast<std::uint32_t>(i);
 }

@@ -40,7 +40,9 @@ inline void TileTracer::shade() {
     const std::size_t n = wave_.rays.size();
     for (std::size_t begin = 0; begin < n && going_on();) {
         const std::uint32_t key = keys_[order_[begin]];
-        const std::size_t end = key_begin_[key]; // sort_hits left there where the key ends
+        std::size_t end = begin + 1;
+        while (end < n && keys_[order_[end]] == key)
+            ++end;
         if (key == miss_key())
             add_background(order_.data() + begin, end - begin);
         else

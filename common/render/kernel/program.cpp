@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <set>
 #include <utility>
@@ -22,6 +24,20 @@ Vec3 vec(const double (&v)[3]) {
 }
 bool black(const Rgb& c) {
     return c == Rgb{};
+}
+
+/// What tells materials apart.
+using MaterialBits = std::array<std::uint64_t, 20>;
+MaterialBits bits_of_material(const Material& m) {
+    MaterialBits bits{static_cast<std::uint64_t>(m.pattern),
+                      static_cast<std::uint64_t>(std::int64_t{m.ns})};
+    std::size_t next = 2;
+    for (const double* rgb : {m.kd, m.kd_two, m.krl, m.krg, m.ktg})
+        for (int c = 0; c < 3; ++c)
+            bits[next++] = std::bit_cast<std::uint64_t>(rgb[c]);
+    for (const double c : {m.step, m.x, m.y})
+        bits[next++] = std::bit_cast<std::uint64_t>(c);
+    return bits;
 }
 
 /// A box around the places of a scene.
@@ -103,6 +119,7 @@ bool Program::build(const Scene& scene) {
     const auto ambient = refractive_index(scene, scene.world.ambient_volume);
     if (!leaves || !ambient)
         return false;
+    add_materials(scene);
     add_spheres_apart(solids_.take_spheres_apart());
     solid_leaves_ = std::move(*leaves);
     tables_.ambient_index = *ambient;
@@ -111,7 +128,6 @@ bool Program::build(const Scene& scene) {
     add_surfaces();
     add_leaves();
     add_relations();
-    add_materials(scene);
     find_features();
     add_lights(scene);
     point_tables();
@@ -132,7 +148,7 @@ void Program::add_spheres_apart(std::vector<SphereApart> spheres) {
     bvh_materials_.reserve(surfaces.size());
     for (const std::uint32_t i : bvh_.order) {
         bvh_spheres_.push_back(surfaces[i]);
-        bvh_materials_.push_back(static_cast<std::uint32_t>(spheres[i].texture));
+        bvh_materials_.push_back(material_of(spheres[i].texture));
     }
     bvh_.order = {};
 }
@@ -218,9 +234,8 @@ void Program::add_leaf(const SolidLeaf& leaf) {
         if (simple && *simple == static_cast<std::int32_t>(index) && !s.side.negated &&
             s.side.surface == leaf.inside.surface)
             entry_keys_[s.side.surface] = static_cast<std::uint32_t>(2 * patches_.size());
-        patches_.push_back({index, s.side.surface, s.side.negated,
-                            static_cast<std::uint32_t>(s.texture_in),
-                            static_cast<std::uint32_t>(s.texture_out)});
+        patches_.push_back({index, s.side.surface, s.side.negated, material_of(s.texture_in),
+                            material_of(s.texture_out)});
     }
     entry.surface_count = static_cast<std::uint32_t>(leaf_surfaces_.size()) - entry.surface_begin;
     leaves_.push_back(entry);
@@ -321,8 +336,15 @@ void Program::add_materials(const Scene& scene) {
             return m;
         }
     };
+    std::map<MaterialBits, std::uint32_t> known;
+    material_of_texture_.reserve(scene.textures.size());
     for (const Texture& texture : scene.textures) {
         Material m = std::visit(Make{}, texture);
+        const auto [at, is_new] =
+            known.try_emplace(bits_of_material(m), static_cast<std::uint32_t>(materials_.size()));
+        material_of_texture_.push_back(at->second);
+        if (!is_new)
+            continue;
         m.shiny = !black(vec(m.krl));
         m.lit |= m.shiny;
         m.mirror = !black(vec(m.krg));

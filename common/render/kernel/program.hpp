@@ -38,7 +38,11 @@ private:
     void add_leaf(const SolidLeaf& leaf);
     Node node_of(const Expression& e);
     void add_relations();
+    /// Textures that look alike are one material, so that their hits are shaded together.
     void add_materials(const Scene& scene);
+    [[nodiscard]] std::uint32_t material_of(TextureIndex texture) const {
+        return material_of_texture_[as_size(texture)];
+    }
     void add_lights(const Scene& scene);
     void find_filler(Light& light) const;
     void add_camera(const Scene& scene);
@@ -67,6 +71,7 @@ private:
     std::vector<std::uint32_t> users_, user_begin_;
     std::vector<std::uint64_t> relations_;
     std::vector<Material> materials_;
+    std::vector<std::uint32_t> material_of_texture_;
     std::vector<Light> lights_;
     Tables tables_{};
 };
