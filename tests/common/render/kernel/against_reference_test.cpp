@@ -2,6 +2,7 @@
 #include "common/image/quantise.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/random_scene.hpp"
+#include "tests/support/scene_builder.hpp"
 #include "tests/support/seeds.hpp"
 
 #include <algorithm>
@@ -63,6 +64,31 @@ TEST_CASE("random scenes look the same with both kernels") {
 
 TEST_CASE("so do scenes of nested aggregates and deep formulas") {
     check_scenes({.members_max = 6, .csg_depth_max = 4, .aggregate_depth_max = 3}, 12);
+}
+
+/// More than there are rays in a row of the picture, each with its own texture and as many that are
+/// written out again.
+TEST_CASE("so does a scene of more textures than rays, half of them the same") {
+    SceneBuilder b;
+    std::vector<SolidIndex> balls;
+    for (int i = 0; i < 400; ++i) {
+        LocalTexture local = matte(0.2 + 0.002 * (i % 200));
+        local.krg = {0.3, 0.3, 0.3};
+        balls.push_back(b.solid(
+            Sphere{{2.0 + i % 3, 0.25 * (i % 20 - 10), 0.25 * (i / 20 - 10)}, 0.12}, local));
+    }
+    b.aggregate(balls);
+    b.scene.world.lights = {PointLight{{-5, 3, 8}, {0.7, 0.7, 0.7}}};
+    b.scene.world.background_light = {0.3, 0.5, 0.8};
+    const auto scene = std::make_shared<const Scene>(b.scene);
+    const RenderSettings settings{.size = {64, 48}};
+    const auto want = draw(*compile_scene(scene, Kernel::reference), settings);
+    const auto got = draw(*compile_scene(scene, Kernel::fast), settings);
+    REQUIRE(want.has_value());
+    REQUIRE(got.has_value());
+    CHECK(compare(got->film, want->film).clearly_different == 0);
+    CHECK(got->rays.traced() == want->rays.traced());
+    CHECK(got->rays.reflected > 0);
 }
 
 } // namespace
