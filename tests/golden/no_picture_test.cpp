@@ -19,8 +19,7 @@ Result<Drawn> draw_file(const std::string& name, const RenderSettings& settings)
     auto scene = read_raj_file(source_dir / "scenes" / name);
     if (!scene)
         return scene.error();
-    return draw(*compile_scene(std::make_shared<const Scene>(std::move(*scene)), Kernel::reference),
-                settings);
+    return draw(*scene, Kernel::reference, settings);
 }
 
 TEST_CASE("normal_incidence -r 321x241: the middle of the ball fits between its neighbours") {

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -60,6 +61,12 @@ struct Drawn {
 [[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene,
                                         const RenderSettings& settings) {
     return draw(scene, settings, {0, 0, settings.size.width, settings.size.height});
+}
+
+/// As that kernel draws it.
+[[nodiscard]] inline Result<Drawn> draw(const Scene& scene, Kernel kernel,
+                                        const RenderSettings& settings) {
+    return draw(*compile_scene(std::make_shared<const Scene>(scene), kernel), settings);
 }
 
 } // namespace fraja

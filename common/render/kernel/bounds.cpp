@@ -1,5 +1,7 @@
 #include "common/render/kernel/bounds.hpp"
 
+#include "common/render/kernel/triples.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,10 +13,6 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr std::size_t polyhedron_planes_max = 24;
-
-Vec3 vec(const double (&v)[3]) {
-    return {v[0], v[1], v[2]};
-}
 
 /// More than rounding can have taken away.
 BoundingSphere widened(BoundingSphere b) {

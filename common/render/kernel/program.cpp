@@ -1,13 +1,12 @@
 #include "common/render/kernel/program.hpp"
 
 #include "common/render/kernel/bounds.hpp"
+#include "common/render/kernel/triples.hpp"
 #include "common/render/overlap_message.hpp"
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <map>
 #include <numeric>
 #include <set>
 #include <utility>
@@ -15,30 +14,6 @@
 
 namespace fraja::kernel {
 namespace {
-
-void put(double (&to)[3], const Vec3& v) {
-    to[0] = v.x, to[1] = v.y, to[2] = v.z;
-}
-Vec3 vec(const double (&v)[3]) {
-    return {v[0], v[1], v[2]};
-}
-bool black(const Rgb& c) {
-    return c == Rgb{};
-}
-
-/// What tells materials apart.
-using MaterialBits = std::array<std::uint64_t, 20>;
-MaterialBits bits_of_material(const Material& m) {
-    MaterialBits bits{static_cast<std::uint64_t>(m.pattern),
-                      static_cast<std::uint64_t>(std::int64_t{m.ns})};
-    std::size_t next = 2;
-    for (const double* rgb : {m.kd, m.kd_two, m.krl, m.krg, m.ktg})
-        for (int c = 0; c < 3; ++c)
-            bits[next++] = std::bit_cast<std::uint64_t>(rgb[c]);
-    for (const double c : {m.step, m.x, m.y})
-        bits[next++] = std::bit_cast<std::uint64_t>(c);
-    return bits;
-}
 
 /// A box around the places of a scene.
 class Bounds {
@@ -119,7 +94,7 @@ bool Program::build(const Scene& scene) {
     const auto ambient = refractive_index(scene, scene.world.ambient_volume);
     if (!leaves || !ambient)
         return false;
-    add_materials(scene);
+    materials_ = collect_materials(scene);
     add_spheres_apart(solids_.take_spheres_apart());
     solid_leaves_ = std::move(*leaves);
     tables_.ambient_index = *ambient;
@@ -148,7 +123,7 @@ void Program::add_spheres_apart(std::vector<SphereApart> spheres) {
     bvh_materials_.reserve(surfaces.size());
     for (const std::uint32_t i : bvh_.order) {
         bvh_spheres_.push_back(surfaces[i]);
-        bvh_materials_.push_back(material_of(spheres[i].texture));
+        bvh_materials_.push_back(materials_[spheres[i].texture]);
     }
     bvh_.order = {};
 }
@@ -234,8 +209,8 @@ void Program::add_leaf(const SolidLeaf& leaf) {
         if (simple && *simple == static_cast<std::int32_t>(index) && !s.side.negated &&
             s.side.surface == leaf.inside.surface)
             entry_keys_[s.side.surface] = static_cast<std::uint32_t>(2 * patches_.size());
-        patches_.push_back({index, s.side.surface, s.side.negated, material_of(s.texture_in),
-                            material_of(s.texture_out)});
+        patches_.push_back({index, s.side.surface, s.side.negated, materials_[s.texture_in],
+                            materials_[s.texture_out]});
     }
     entry.surface_count = static_cast<std::uint32_t>(leaf_surfaces_.size()) - entry.surface_begin;
     leaves_.push_back(entry);
@@ -312,46 +287,6 @@ std::string Program::overlap_message(const Scene& scene,
 }
 
 // --------------------------------------------------------------------------------- what is seen
-
-void Program::add_materials(const Scene& scene) {
-    struct Make {
-        Material operator()(const PlainTexture& t) const {
-            Material m{};
-            put(m.kd, t.local.kd), put(m.kd_two, t.local.kd);
-            put(m.krl, t.local.krl), put(m.krg, t.local.krg), put(m.ktg, t.local.ktg);
-            m.ns = t.local.ns;
-            m.lit = !black(t.local.kd);
-            return m;
-        }
-        Material operator()(const ChequeredTexture& t) const {
-            Material m{};
-            m.pattern = t.pattern == ChequeredTexture::Pattern::damier ? Material::Pattern::damier
-                        : t.pattern == ChequeredTexture::Pattern::hamier
-                            ? Material::Pattern::hamier
-                            : Material::Pattern::mamier;
-            put(m.kd, t.kd_one), put(m.kd_two, t.kd_two);
-            put(m.krl, t.kr), put(m.krg, t.kr), put(m.ktg, t.kt);
-            m.ns = t.ns, m.step = t.step, m.x = t.x, m.y = t.y;
-            m.lit = !black(t.kd_one) || !black(t.kd_two);
-            return m;
-        }
-    };
-    std::map<MaterialBits, std::uint32_t> known;
-    material_of_texture_.reserve(scene.textures.size());
-    for (const Texture& texture : scene.textures) {
-        Material m = std::visit(Make{}, texture);
-        const auto [at, is_new] =
-            known.try_emplace(bits_of_material(m), static_cast<std::uint32_t>(materials_.size()));
-        material_of_texture_.push_back(at->second);
-        if (!is_new)
-            continue;
-        m.shiny = !black(vec(m.krl));
-        m.lit |= m.shiny;
-        m.mirror = !black(vec(m.krg));
-        m.glass = !black(vec(m.ktg));
-        materials_.push_back(m);
-    }
-}
 
 void Program::add_camera(const Scene& scene) {
     const HorizontalCamera& eye = eye_of(scene.camera);
@@ -452,14 +387,14 @@ bool Program::camera_may_be_inside() const {
 void Program::find_features() {
     bool enterable = false;
     for (const Patch& patch : patches_) {
-        const Material& in = materials_[patch.material_in];
-        const Material& out = materials_[patch.material_out];
+        const Material& in = materials_.table[patch.material_in];
+        const Material& out = materials_.table[patch.material_out];
         tables_.glass |= in.glass || out.glass;
         tables_.mirrors |= in.mirror || out.mirror;
         enterable |= out.glass;
     }
     for (const std::uint32_t material : bvh_materials_)
-        tables_.mirrors |= materials_[material].mirror;
+        tables_.mirrors |= materials_.table[material].mirror;
     for (std::uint32_t surface = 0; surface < collector_.size(); ++surface) {
         std::set<std::uint32_t> leaves;
         for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)
@@ -474,7 +409,7 @@ void Program::find_features() {
 void Program::add_lights(const Scene& scene) {
     const auto add = [&](Light light, const Rgb& rgb) {
         put(light.rgb, rgb);
-        if (!black(rgb))
+        if (rgb != Rgb{})
             lights_.push_back(light);
     };
     for (const fraja::Light& source : scene.world.lights) {
@@ -547,7 +482,7 @@ void Program::point_tables() {
     t.bvh = bvh_.nodes.empty() ? nullptr : bvh_.nodes.data();
     t.bvh_spheres = bvh_spheres_.data(), t.bvh_materials = bvh_materials_.data();
     t.bvh_sphere_count = count(bvh_spheres_);
-    t.materials = materials_.data(), t.material_count = count(materials_);
+    t.materials = materials_.table.data(), t.material_count = count(materials_.table);
     t.lights = lights_.data(), t.light_count = count(lights_);
 }
 

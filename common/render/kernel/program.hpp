@@ -2,6 +2,7 @@
 #pragma once
 
 #include "common/render/kernel/bvh.hpp"
+#include "common/render/kernel/materials.hpp"
 #include "common/render/kernel/solids.hpp"
 #include "common/render/kernel/tables.hpp"
 #include "common/scene/scene.hpp"
@@ -38,11 +39,6 @@ private:
     void add_leaf(const SolidLeaf& leaf);
     Node node_of(const Expression& e);
     void add_relations();
-    /// Textures that look alike are one material, so that their hits are shaded together.
-    void add_materials(const Scene& scene);
-    [[nodiscard]] std::uint32_t material_of(TextureIndex texture) const {
-        return material_of_texture_[as_size(texture)];
-    }
     void add_lights(const Scene& scene);
     void find_filler(Light& light) const;
     void add_camera(const Scene& scene);
@@ -70,8 +66,7 @@ private:
     std::vector<Patch> patches_;
     std::vector<std::uint32_t> users_, user_begin_;
     std::vector<std::uint64_t> relations_;
-    std::vector<Material> materials_;
-    std::vector<std::uint32_t> material_of_texture_;
+    Materials materials_;
     std::vector<Light> lights_;
     Tables tables_{};
 };

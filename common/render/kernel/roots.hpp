@@ -52,11 +52,6 @@ FRAJA_WIDE Crossings crossings(const Roots& r, Mask inside, Mask on_surface) {
     return {first, select(~starts_between & ahead, greater(r.high, Wide{}), never())};
 }
 
-/// What of them a ray needs that is outside of everything: where it enters.
-FRAJA_WIDE Wide entry_of(Wide low, Mask real_and_ahead, Mask on_surface) {
-    return select(real_and_ahead & ~on_surface, greater(low, Wide{}), never());
-}
-
 struct HalfChord {
     Wide middle;  ///< t nearest to the axis or centre
     Wide squared; ///< of half the chord, times |dir|^2; negative: no hit
@@ -165,8 +160,7 @@ FRAJA_WIDE Wide entry_of(const ConeSurface& s, std::int64_t index, const WideRay
         select(on_surface, magnitude(k.b), square_root(greater(k.discriminant, Wide{})));
     // The roots are q / a and c / q.
     const Wide q = select(towards, half - k.b, -magnitude(k.b) - half);
-    const Wide c = select(on_surface, Wide{}, greater(k.c(), Wide{}));
-    const Wide t = select(towards, c, q) / select(towards, q, k.a);
+    const Wide t = select(towards, greater(k.c(), Wide{}), q) / select(towards, q, k.a);
     return select(hit, greater(t, Wide{}), never());
 }
 
@@ -214,11 +208,6 @@ FRAJA_WIDE SidedCrossings sided_crossings_of(const PlaneSurface& s, std::int64_t
 }
 
 /// Where a ray that is outside enters, for rays that are outside of everything.
-template <class Surface>
-FRAJA_WIDE Wide entry_of(const Surface& s, std::int64_t index, const WideRays& ray) {
-    const Mask on_surface = ray.owner == all_lanes(index);
-    return crossings(roots_of(s, ray, on_surface), Mask{}, on_surface).first;
-}
 FRAJA_WIDE Wide entry_of(const SphereSurface& s, std::int64_t index, const WideRays& ray) {
     const HalfChord chord = half_chord(s, ray);
     const Mask hit = (chord.squared >= 0) & (chord.middle > 0) & (ray.owner != all_lanes(index));

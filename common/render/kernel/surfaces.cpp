@@ -1,6 +1,7 @@
 #include "common/render/kernel/surfaces.hpp"
 
 #include "common/render/kernel/exact_angle.hpp"
+#include "common/render/kernel/triples.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,13 +9,6 @@
 
 namespace fraja::kernel {
 namespace {
-
-void put(double (&to)[3], const Vec3& v) {
-    to[0] = v.x, to[1] = v.y, to[2] = v.z;
-}
-Vec3 vec(const double (&v)[3]) {
-    return {v[0], v[1], v[2]};
-}
 
 /// The one of v and -v whose first component that is not 0 is positive.
 Vec3 canonical(const Vec3& v) {

@@ -147,7 +147,7 @@ private:
     std::vector<std::uint32_t> spheres_met_; ///< that stand apart
     std::vector<std::uint32_t> order_;       ///< the rays, by key
     std::vector<std::uint32_t> key_begin_;
-    std::vector<std::uint64_t> key_and_ray_;
+    std::vector<std::uint64_t> key_and_ray_; ///< where there are more keys than rays
 
     // Of each sample of the block.
     std::vector<double> radiance_; ///< red, green, blue

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <doctest/doctest.h>
-#include <memory>
+#include <utility>
 
 namespace fraja {
 namespace {
@@ -36,21 +36,28 @@ Comparison compare(const Film& a, const Film& b) {
     return result;
 }
 
+struct Both {
+    Drawn want, got; ///< of the reference, of the fast kernel
+};
+Both draw_both(const Scene& scene, const RenderSettings& settings) {
+    auto want = draw(scene, Kernel::reference, settings);
+    auto got = draw(scene, Kernel::fast, settings);
+    REQUIRE(want.has_value());
+    REQUIRE(got.has_value());
+    return {std::move(*want), std::move(*got)};
+}
+
 /// At most a thousandth of all pixels, and a hundredth of one scene's, may differ clearly.
 void check_scenes(const RandomSceneOptions& options, std::uint32_t depth) {
     Comparison all;
     std::uint64_t rays = 0, rays_of_reference = 0;
     for_each_seed(scenes, [&](Rng& rng) {
-        const auto scene = std::make_shared<const Scene>(random_scene(rng, options));
-        const RenderSettings settings{.size = {32, 24}, .depth = depth};
-        const auto want = draw(*compile_scene(scene, Kernel::reference), settings);
-        const auto got = draw(*compile_scene(scene, Kernel::fast), settings);
-        REQUIRE(want.has_value());
-        REQUIRE(got.has_value());
-        const Comparison here = compare(got->film, want->film);
+        const auto [want, got] =
+            draw_both(random_scene(rng, options), {.size = {32, 24}, .depth = depth});
+        const Comparison here = compare(got.film, want.film);
         CHECK(100 * here.clearly_different <= here.pixels);
         all.pixels += here.pixels, all.clearly_different += here.clearly_different;
-        rays += got->rays.traced(), rays_of_reference += want->rays.traced();
+        rays += got.rays.traced(), rays_of_reference += want.rays.traced();
     });
     CHECK(1'000 * all.clearly_different <= all.pixels);
     CHECK(rays > 0);
@@ -80,15 +87,10 @@ TEST_CASE("so does a scene of more textures than rays, half of them the same") {
     b.aggregate(balls);
     b.scene.world.lights = {PointLight{{-5, 3, 8}, {0.7, 0.7, 0.7}}};
     b.scene.world.background_light = {0.3, 0.5, 0.8};
-    const auto scene = std::make_shared<const Scene>(b.scene);
-    const RenderSettings settings{.size = {64, 48}};
-    const auto want = draw(*compile_scene(scene, Kernel::reference), settings);
-    const auto got = draw(*compile_scene(scene, Kernel::fast), settings);
-    REQUIRE(want.has_value());
-    REQUIRE(got.has_value());
-    CHECK(compare(got->film, want->film).clearly_different == 0);
-    CHECK(got->rays.traced() == want->rays.traced());
-    CHECK(got->rays.reflected > 0);
+    const auto [want, got] = draw_both(b.scene, {.size = {64, 48}});
+    CHECK(compare(got.film, want.film).clearly_different == 0);
+    CHECK(got.rays.traced() == want.rays.traced());
+    CHECK(got.rays.reflected > 0);
 }
 
 } // namespace

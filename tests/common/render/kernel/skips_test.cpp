@@ -3,7 +3,6 @@
 #include "tests/support/scene_builder.hpp"
 
 #include <doctest/doctest.h>
-#include <memory>
 
 namespace fraja {
 namespace {
@@ -11,8 +10,7 @@ namespace {
 constexpr Extent size{32, 24};
 
 RayCounts counts(const Scene& scene, const RenderSettings& settings = {.size = size}) {
-    const auto drawn =
-        draw(*compile_scene(std::make_shared<const Scene>(scene), Kernel::fast), settings);
+    const auto drawn = draw(scene, Kernel::fast, settings);
     REQUIRE(drawn.has_value());
     return drawn->rays;
 }
