@@ -38,16 +38,28 @@ struct Beam {
     /// it far enough.
     [[nodiscard]] bool stays_outside(const PlaneSurface& plane) const {
         const double facing = dot(plane.normal, dir);
-        const double way[3] = {start[0] - plane.point[0], start[1] - plane.point[1],
-                               start[2] - plane.point[2]};
-        const double height = dot(plane.normal, way);
-        const double slack = 1e-9 * (__builtin_fabs(way[0]) + __builtin_fabs(way[1]) +
-                                     __builtin_fabs(way[2]) + radius);
-        if (!(height - radius > slack))
+        const double height = height_above(plane);
+        if (!(height > radius))
             return false;
         if (length < __builtin_inf()) // the far end, too
-            return height + facing * length - radius - spread * length > slack + 1e-9 * length;
+            return height + facing * length - radius - spread * length > 1e-9 * length;
         return facing > spread + 1e-9;
+    }
+
+    /// Whether every ray of the beam, which has no end, enters a half-space: all start outside and
+    /// go towards it.
+    [[nodiscard]] bool surely_meets(const PlaneSurface& plane) const {
+        return height_above(plane) > radius && dot(plane.normal, dir) < -spread - 1e-9;
+    }
+
+private:
+    /// Of the start; less than it is.
+    [[nodiscard]] double height_above(const PlaneSurface& plane) const {
+        const double way[3] = {start[0] - plane.point[0], start[1] - plane.point[1],
+                               start[2] - plane.point[2]};
+        const double slack = 1e-9 * (__builtin_fabs(way[0]) + __builtin_fabs(way[1]) +
+                                     __builtin_fabs(way[2]) + radius);
+        return dot(plane.normal, way) - slack;
     }
 };
 

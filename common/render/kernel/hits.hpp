@@ -8,49 +8,17 @@
 namespace fraja::kernel {
 namespace {
 
-/// Camera rays go nearly the same way: what lies beside it need not be looked at.
-inline void TileTracer::look_where_rays_go() {
-    walker_.look_at_all();
-    RayQueue& rays = wave_.rays;
-    const std::size_t n = rays.size();
-    const auto outside = [](std::int64_t filler) { return filler == none; };
-    if (wave_.depth < job_.depth ||
-        (tables_.stateful && !std::all_of(rays.fillers(), rays.fillers() + n, outside)))
-        return;
-    Beam beam{};
-    const WideRays middle = rays.rays_at(n / 2 / lanes * lanes);
-    const double start[] = {middle.origin.x[0], middle.origin.y[0], middle.origin.z[0]};
-    const double dir[] = {middle.dir.x[0], middle.dir.y[0], middle.dir.z[0]};
-    for (int c = 0; c < 3; ++c)
-        beam.start[c] = start[c], beam.dir[c] = dir[c];
-    Wide distance_squared{}, least_cosine = all_lanes(1.0);
-    for (std::size_t i = 0; i < n; i += lanes) {
-        const WideRays r = rays.rays_at(i);
-        const Wide3 way = r.origin - all_lanes3(beam.start);
-        distance_squared = greater(dot(way, way), distance_squared);
-        least_cosine = lesser(dot(r.dir, all_lanes3(beam.dir)), least_cosine);
-    }
-    double squared = 0, cosine = 1;
-    for (int lane = 0; lane < lanes; ++lane) {
-        squared = distance_squared[lane] > squared ? distance_squared[lane] : squared;
-        cosine = least_cosine[lane] < cosine ? least_cosine[lane] : cosine;
-    }
-    if (!(cosine > 0.5))
-        return;
-    // A start may lie behind the beam's, and its ray have spread when it gets there.
-    beam.radius = __builtin_sqrt(squared) / cosine;
-    // 1 - cosine^2 has an error of a few units of 1e-16, which its root makes 1e-7 of.
-    beam.spread = __builtin_sqrt(1 - cosine * cosine + 1e-14) / cosine;
-    beam.length = __builtin_inf();
-    walker_.look_along(beam, none, tables_.stateful);
-}
-
 inline void TileTracer::trace() {
     const std::size_t n = wave_.rays.size();
     keys_.resize(n + packet_rays);
     sides_.resize(n + packet_rays, {none, none});
     spheres_met_.resize(n + packet_rays);
-    look_where_rays_go();
+    if (wave_.depth < job_.depth) {
+        walker_.look_at_all();
+        spheres_in_view_ = tables_.bvh != nullptr;
+    } else if (view_ == View::one_plane) {
+        return meet_plane(plane_in_view_);
+    }
     Packet packet;
     for (std::size_t i = 0; i < n && going_on(); i += packet_rays) {
         if (tables_.stateful)
@@ -84,7 +52,7 @@ inline void TileTracer::trace_stateless(std::size_t i, Packet& packet) {
                 key = key_of(surface, found.leaf[lane], false, false);
         }
     }
-    if (!tables_.bvh)
+    if (!spheres_in_view_)
         return;
     spheres_.find_nearest(packet, packet_mask(rays.size() - i));
     meet_spheres(i, packet);
@@ -133,7 +101,7 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
         outside |= bits_of(load(rays.fillers() + i + g * lanes) == all_lanes(std::int64_t{none}))
                    << (g * lanes);
     }
-    if (tables_.bvh && (outside & packet_mask(used)) != 0)
+    if (spheres_in_view_ && (outside & packet_mask(used)) != 0)
         spheres_.find_nearest(packet, outside & packet_mask(used));
     for (std::size_t g = 0; g * lanes < used; ++g) {
         const std::size_t at = i + g * lanes;

@@ -3,6 +3,7 @@
 #include "common/render/kernel/light.hpp"
 #include "common/render/kernel/samples.hpp"
 #include "common/render/kernel/tracer.hpp"
+#include "common/render/kernel/view.hpp"
 
 #if !defined(FRAJA_KERNEL_ENTRY) || !defined(FRAJA_KERNEL_ISA)
 #error "FRAJA_KERNEL_ENTRY and FRAJA_KERNEL_ISA say what is being compiled"

@@ -7,6 +7,7 @@
 // Tracing Algorithm" (2005).
 #pragma once
 
+#include "common/render/kernel/beam.hpp"
 #include "common/render/kernel/roots.hpp"
 #include "common/render/kernel/tables.hpp"
 #include "common/render/kernel/wide.hpp"
@@ -95,6 +96,9 @@ public:
                         [&](unsigned rays) { blocked |= traverse<true>(packet, rays); });
         return blocked;
     }
+
+    /// Whether a ray of the beam might meet a sphere; true where that takes too long to tell.
+    [[nodiscard]] bool may_meet(const Beam& beam);
 
     [[nodiscard]] std::uint64_t box_tests() const { return box_tests_; }
     [[nodiscard]] std::uint64_t form_tests() const { return form_tests_; }
@@ -409,6 +413,34 @@ inline void PacketTracer::rays_meeting(const BvhNode& node, unsigned rays, unsig
              boxes &= boxes - 1)
             met[__builtin_ctz(boxes)] |= 1u << ray;
     }
+}
+
+inline bool PacketTracer::may_meet(const Beam& beam) {
+    constexpr int nodes_max = 64;
+    std::int32_t waiting[nodes_max * bvh_width] = {0};
+    int count = 1;
+    for (int visited = 0; count > 0; ++visited) {
+        if (visited == nodes_max)
+            return true;
+        const BvhNode& node = tables_.bvh[waiting[--count]];
+        box_tests_ += bvh_width;
+        for (std::size_t i = 0; i < bvh_width; ++i) {
+            double center[3], radius_squared = 0;
+            for (int axis = 0; axis < 3; ++axis) {
+                const double low = node.low[axis][i], high = node.high[axis][i];
+                center[axis] = 0.5 * (low + high);
+                radius_squared += 0.25 * (high - low) * (high - low);
+            }
+            if (!(node.low[0][i] <= node.high[0][i])) // no child
+                continue;
+            if (beam.misses(center, __builtin_sqrt(radius_squared)))
+                continue;
+            if (node.child[i] < 0)
+                return true;
+            waiting[count++] = node.child[i];
+        }
+    }
+    return false;
 }
 
 template <bool any_hit>

@@ -401,7 +401,8 @@ void Program::find_features() {
             leaves.insert(patches_[users_[u]].leaf);
         tables_.shared_surfaces |= leaves.size() > 1;
     }
-    tables_.stateful = enterable || camera_may_be_inside();
+    tables_.camera_is_outside = !camera_may_be_inside();
+    tables_.stateful = enterable || !tables_.camera_is_outside;
     tables_.surface_words =
         tables_.stateful ? static_cast<std::uint32_t>((collector_.size() + 63) / 64) : 0;
 }

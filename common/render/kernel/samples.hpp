@@ -62,8 +62,15 @@ inline void TileTracer::draw_block(const Block& block) {
     rays_of_.assign(samples, 0);
     const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
     if (job_.depth > 0 && seen) {
-        start_wave(block);
-        follow_waves();
+        view_ = look_through(block);
+        if (view_ == View::nothing) {
+            see_background();
+        } else {
+            start_wave(block);
+            follow_waves();
+        }
+        if (view_ >= View::one_plane && block.first == 0)
+            result_.counts.skipped_pixels += std::uint64_t{block.width} * block.height;
     }
     const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
     const double weight = 1.0 / static_cast<double>(per_pixel);
@@ -84,13 +91,25 @@ inline void TileTracer::draw_block(const Block& block) {
     });
 }
 
+/// Where the camera's rays meet nothing.
+inline void TileTracer::see_background() {
+    for (std::size_t i = 0; i < radiance_.size(); ++i)
+        radiance_[i] = tables_.background[i % 3];
+    const std::uint64_t samples = radiance_.size() / 3;
+    result_.counts.camera += samples;
+    report(samples);
+}
+
 /// Raja's samples: a pixel's centre, or a regular grid, column by column. FORMAT.md, section 5.
 inline void TileTracer::start_wave(const Block& block) {
     const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
     const double dx = 1.0 / static_cast<double>(n * job_.picture_width);
     const double dy = 1.0 / static_cast<double>(n * job_.picture_height);
     const std::size_t samples = rays_of_.size();
-    walker_.look_at_all();
+    // A camera outside of every leaf is outside of every surface where these are the same.
+    sides_are_known_ = tables_.camera_is_outside && tables_.leaf_is_surface;
+    if (tables_.stateful && !sides_are_known_)
+        walker_.look_at_all();
     wave_.depth = job_.depth;
     wave_.rays.reserve(samples);
     Wide x{}, y{};
@@ -117,6 +136,10 @@ inline void TileTracer::start_wave(const Block& block) {
     });
     wave_.rays.pad();
     result_.counts.camera += samples;
+    if (view_ == View::everything)
+        walker_.look_at_all();
+    else if (tables_.stateful) // which must be told of every crossing
+        walker_.look_along(beam_, none, true);
 }
 
 /// FORMAT.md, section 4. Fills a group of the wave's rays.
@@ -145,6 +168,11 @@ inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
     store(rays.fillers() + at, all_lanes(std::int64_t{none}));
     if (!tables_.stateful)
         return;
+    if (sides_are_known_) {
+        for (std::uint32_t w = 0; w < rays.words(); ++w)
+            store(rays.inside(w) + at, WideInt{});
+        return;
+    }
     walker_.find_inside(place, dir);
     for (std::uint32_t w = 0; w < rays.words(); ++w)
         store(rays.inside(w) + at, walker_.bits()[w]);

@@ -173,7 +173,8 @@ struct Tables {
     /// A ray may be inside something: rays carry a bit per surface, and the leaf that fills the
     /// space they start in. Else every ray is outside every leaf.
     bool stateful;
-    bool glass, mirrors; ///< some material is
+    bool camera_is_outside; ///< no camera ray starts in a leaf
+    bool glass, mirrors;    ///< some material is
 };
 
 // -------------------------------------------------------------------------------------- the work

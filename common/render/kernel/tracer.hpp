@@ -62,6 +62,7 @@ public:
 private:
     // samples.hpp
     void draw_block(const Block& block);
+    void see_background();
     void start_wave(const Block& block);
     void camera_rays(const Wide x, const Wide y, std::size_t at);
     void follow_waves();
@@ -69,8 +70,13 @@ private:
     void sort_by_direction();
     void split_wave();
 
+    // view.hpp
+    enum class View : std::uint8_t { everything, some, one_plane, nothing };
+    [[nodiscard]] bool beam_through(const Block& block, Beam& beam) const;
+    [[nodiscard]] View look_through(const Block& block);
+    void meet_plane(std::int32_t plane);
+
     // hits.hpp
-    void look_where_rays_go();
     void trace();
     void trace_stateful(std::size_t i, Packet& packet);
     void trace_stateless(std::size_t i, Packet& packet);
@@ -132,6 +138,12 @@ private:
     const TileControl& control_;
     Walker walker_;
     PacketTracer spheres_;
+    /// What the block's camera rays may meet.
+    View view_ = View::everything;
+    Beam beam_{};                       ///< they are in it, but where they may meet everything
+    std::int32_t plane_in_view_ = none; ///< where they all meet one
+    bool sides_are_known_ = false;      ///< of their starts: outside of every surface
+    bool spheres_in_view_ = false;      ///< of those apart; of the wave at work
     Wave wave_;
     RayQueue next_;
     std::vector<Wave> waiting_; ///< waves that were split off

@@ -119,6 +119,12 @@ public:
     /// rays with state must keep track of, in any case if `all_composites`.
     bool look_along(const Beam& beam, std::int64_t owner, bool all_composites);
 
+    /// The surface that is all that is in view: a half-space, a leaf. none otherwise.
+    [[nodiscard]] std::int32_t only_plane() const {
+        return surfaces_in_view() == 1 && in_view_[1].size() == 1 && composites_in_view_.empty()
+                   ? static_cast<std::int32_t>(in_view_[1][0])
+                   : none;
+    }
     [[nodiscard]] std::size_t surfaces_in_view() const {
         std::size_t count = 0;
         for (const auto& surfaces : in_view_)

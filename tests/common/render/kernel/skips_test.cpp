@@ -74,6 +74,37 @@ TEST_CASE("where indices are equal the same ray goes on, and nothing is reflecte
               .reflected > 0);
 }
 
+TEST_CASE("what lies beside every solid is background without a ray traced") {
+    SceneBuilder b = ball_and_lamp(matte(0.5));
+    const RenderSettings settings{.size = {256, 192}};
+    const RayCounts ball = counts(b.scene, settings);
+    // Its disc of 2/10 of the picture's side, and blocks of 32 x 32 around it.
+    CHECK(ball.skipped_pixels > 256 * 192 / 4);
+    CHECK(ball.skipped_pixels < 256 * 192 * 9 / 10);
+    CHECK(ball.camera == 256 * 192); // counted all the same
+    std::get<HorizontalCamera>(b.scene.camera).direction = {-1, 0, 0};
+    const RayCounts away = counts(b.scene, settings);
+    CHECK(away.skipped_pixels == 256 * 192);
+    CHECK(away.form_tests + away.box_tests + away.shaded == 0);
+    CHECK(counts(b.scene, {.size = size, .aa = 40}).skipped_pixels == size.pixel_count());
+}
+
+TEST_CASE("where there is a plane and nothing else, none is searched for") {
+    SceneBuilder b;
+    b.aggregate({b.solid(Plane{{0, 0, -3}, {0, 0, 1}}, matte(0.5)),
+                 b.solid(Sphere{{100, 0, 40}, 5}, glass(), IsotropicVolume{1.5})});
+    auto& camera = std::get<HorizontalCamera>(b.scene.camera);
+    camera.direction = normalized({0.2, 0, -1});
+    const RayCounts down = counts(b.scene);
+    CHECK(down.skipped_pixels == size.pixel_count());
+    CHECK(down.shaded == size.pixel_count());
+    CHECK(down.form_tests + down.box_tests == 0);
+    camera.direction = {1, 0, 0}; // to the horizon, which needs a search
+    const RayCounts ahead = counts(b.scene, {.size = {128, 96}});
+    CHECK(ahead.skipped_pixels >= 128 * 32);
+    CHECK(ahead.skipped_pixels < 128 * 96);
+}
+
 TEST_CASE("nothing under the cut level is followed") {
     LocalTexture faint = matte(0.5);
     faint.krg = {1e-4, 1e-4, 1e-4};
