@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 namespace fraja {
 
@@ -23,6 +24,7 @@ struct RenderSettings {
     std::uint32_t depth = 5; ///< Raja's -d; 0 draws black
     std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
     bool exact = false;      ///< Raja's -e: no cut-off of faint rays
+    bool truncation = false; ///< fill RenderedTile::truncated, too
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
 };
 
@@ -58,6 +60,10 @@ struct RenderControl {
 struct RenderedTile {
     Tile tile;
     RayCounts rays;
+    /// Of each pixel, if settings.truncation asks for it, the weight (of the colour that has the
+    /// most) of the rays that were not followed: below the cut level, out of depth, beyond the
+    /// budget. Light of 1 from everywhere is missing so much at most. Of the fast kernel alone.
+    std::vector<float> truncated;
 };
 
 /// A scene made ready for rendering. Immutable; shared by all render threads.

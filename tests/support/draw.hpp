@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -17,13 +18,16 @@ namespace fraja {
 struct Drawn {
     Film film;
     RayCounts rays;
+    std::vector<float> truncated; ///< by pixel, row by row, where the settings ask for it
 };
 
 /// Each row is a tile; `threads` take the next row that nobody has taken. The first error, in no
 /// particular order, is the result.
 [[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene, const RenderSettings& settings,
                                         PixelRect region, unsigned threads = 2) {
-    Drawn drawn{Film(settings.size, region), {}};
+    Drawn drawn{Film(settings.size, region), {}, {}};
+    if (settings.truncation)
+        drawn.truncated.resize(region.pixel_count());
     std::mutex mutex; // guards `drawn` and `error`
     std::optional<Error> error;
     RenderControl control;
@@ -44,6 +48,8 @@ struct Drawn {
             }
             drawn.film.place(tile->tile);
             drawn.rays += tile->rays;
+            std::ranges::copy(tile->truncated,
+                              drawn.truncated.begin() + std::ptrdiff_t{row} * region.width);
         }
     };
     {

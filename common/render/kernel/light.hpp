@@ -26,14 +26,15 @@ struct TileTracer::Incidence {
     Wide cosine;      ///< of normal and ray
     Wide3 mirror_dir; ///< not normalised
     Wide3 coefficient;
-    Wide3 kd;
+    Wide3 kd; ///< once it is needed
+    bool textured;
     Wide3 light; ///< local, so far
 };
 
 inline TileTracer::TileTracer(const Tables& tables, const TileJob& job, const TileControl& control)
     : tables_(tables), job_(job), control_(control), walker_(tables),
       spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
-      key_begin_(std::size_t{miss_key()} + 2), batch_(batch_rays / lanes), pixel_sum_(3) {}
+      key_begin_(std::size_t{miss_key()} + 2), batch_(batch_rays / lanes) {}
 
 inline void TileTracer::shade() {
     next_.reserve(2 * wave_.rays.size());
@@ -81,7 +82,7 @@ inline void TileTracer::shade_batch(std::uint32_t key, const std::uint32_t* inde
     }
     result_.counts.shaded += count;
     add_light(groups);
-    if (wave_.depth > 1)
+    if (wave_.depth > 1 || job_.truncated != nullptr)
         for (std::size_t g = 0; g < groups; ++g)
             send_on(batch_[g]);
 }
@@ -117,15 +118,23 @@ inline TileTracer::Incidence TileTracer::meet(const Group& group) {
     }
     at.cosine = dot(at.hit.normal, dir);
     at.mirror_dir = dir + (-2 * at.cosine) * at.hit.normal;
-    at.kd = diffuse_at(*group.material, at.hit.place, tables_.center);
     return at;
+}
+
+/// A surface that nothing lights needs no texture.
+inline const Wide3& TileTracer::diffuse(Incidence& at) {
+    if (!at.textured)
+        at.kd = diffuse_at(*at.group.material, at.hit.place, tables_.center);
+    at.textured = true;
+    return at.kd;
 }
 
 /// Local light (6.3), times what becomes of it on the way to the eye.
 inline void TileTracer::add_light(std::size_t groups) {
     const Material& material = *batch_[0].group.material;
-    for (std::size_t g = 0; g < groups; ++g)
-        batch_[g].light = all_lanes3(tables_.ambient) * batch_[g].kd;
+    if (tables_.any_ambient)
+        for (std::size_t g = 0; g < groups; ++g)
+            batch_[g].light = all_lanes3(tables_.ambient) * diffuse(batch_[g]);
     for (std::uint32_t i = 0; i < tables_.light_count && material.lit; ++i) {
         const Light& light = tables_.lights[i];
         const bool may_be_shadowed = look_towards(light, groups);
@@ -226,7 +235,7 @@ inline void TileTracer::add_light_of(const Light& light, std::size_t first, std:
     for (std::size_t g = 0; g < groups; ++g) {
         if (!any(lit[g]))
             continue;
-        Wide3 add = (cosine[g] * rgb) * at[g].kd;
+        Wide3 add = (cosine[g] * rgb) * diffuse(at[g]);
         if (material.shiny) {
             const Wide h = highlight(dot(shadows.rays[g].dir, at[g].mirror_dir), material.ns);
             add = add + (h * rgb) * all_lanes3(material.krl);
@@ -280,7 +289,8 @@ inline void TileTracer::send_on(const Incidence& at) {
     Mask refracts{};
     if (m.glass) {
         const Wide3 ktg = all_lanes3(m.ktg);
-        const Mask transmits = at.group.active & ~below_cut(ktg * at.coefficient);
+        refracted_coefficient = ktg * at.coefficient;
+        const Mask transmits = at.group.active & ~below_cut(refracted_coefficient);
         if (any(transmits)) {
             const Wide index_in = all_lanes(tables_.leaves[at.group.patch->leaf].refractive_index);
             Wide index_out = all_lanes(tables_.ambient_index);
@@ -292,53 +302,68 @@ inline void TileTracer::send_on(const Incidence& at) {
             const Mask same = index_in == index_out; // nothing bends the ray
             const Wide reflectance = select(same, Wide{}, r.reflectance);
             mirrored = select(transmits, mirrored + reflectance * ktg, mirrored);
-            refracted_coefficient = ((1 - reflectance) * ktg) * at.coefficient;
+            refracted_coefficient = select(transmits, ((1 - reflectance) * ktg) * at.coefficient,
+                                           refracted_coefficient);
             refracts = transmits & (same | ~r.total) & ~below_cut(refracted_coefficient);
             refracted_dir = select(same, at.dir, normalized(r.dir));
         }
     }
     const Wide3 reflected_coefficient = mirrored * at.coefficient;
     const Mask reflects = at.group.active & ~below_cut(reflected_coefficient);
+    if (job_.truncated != nullptr) {
+        lose(at, at.group.active & ~refracts, refracted_coefficient);
+        lose(at, at.group.active & ~reflects, reflected_coefficient);
+    }
     const unsigned refracting = bits_of(refracts), reflecting = bits_of(reflects);
     if ((refracting | reflecting) == 0)
         return;
     const Wide3 mirror_dir = normalized(at.mirror_dir);
-
-    RayQueue& rays = wave_.rays;
-    const auto send = [&](int lane, const Wide3& dir, const Wide3& coefficient, bool crosses) {
-        const std::uint32_t from = at.group.index[lane];
-        const std::uint32_t sample = rays.samples()[from];
-        if (++rays_of_[sample] > rays_per_sample_max)
-            return;
-        const std::size_t to = next_.add();
-        next_.reals(origin_x)[to] = at.hit.place.x[lane];
-        next_.reals(origin_y)[to] = at.hit.place.y[lane];
-        next_.reals(origin_z)[to] = at.hit.place.z[lane];
-        next_.reals(dir_x)[to] = dir.x[lane];
-        next_.reals(dir_y)[to] = dir.y[lane];
-        next_.reals(dir_z)[to] = dir.z[lane];
-        next_.reals(red)[to] = coefficient.x[lane];
-        next_.reals(green)[to] = coefficient.y[lane];
-        next_.reals(blue)[to] = coefficient.z[lane];
-        next_.owners()[to] = at.owner[lane];
-        next_.samples()[to] = sample;
-        next_.fillers()[to] = crosses ? sides_[from].after : rays.fillers()[from];
-        for (std::uint32_t w = 0; w < rays.words(); ++w)
-            next_.inside(w)[to] = rays.inside(w)[from];
-        if (crosses) { // which only rays with state do
-            const std::uint32_t surface = at.group.patch->surface;
-            next_.inside(surface >> 6)[to] ^=
-                static_cast<std::int64_t>(std::uint64_t{1} << (surface & 63));
-        }
-        ++(crosses ? result_.counts.refracted : result_.counts.reflected);
-    };
     // A lane's refracted ray before its reflected one: the order that sums follow.
     for (unsigned left = refracting | reflecting; left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
         if (refracting >> lane & 1)
-            send(lane, refracted_dir, refracted_coefficient, true);
+            send(at, lane, refracted_dir, refracted_coefficient, true);
         if (reflecting >> lane & 1)
-            send(lane, mirror_dir, reflected_coefficient, false);
+            send(at, lane, mirror_dir, reflected_coefficient, false);
+    }
+}
+
+/// One ray into the next wave, if depth and budget allow it.
+FRAJA_WIDE void TileTracer::send(const Incidence& at, int lane, const Wide3& dir,
+                                 const Wide3& coefficient, bool crosses) {
+    RayQueue& rays = wave_.rays;
+    const std::uint32_t from = at.group.index[lane];
+    const std::uint32_t sample = rays.samples()[from];
+    if (wave_.depth == 1 || ++rays_of_[sample] > rays_per_sample_max)
+        return lose(sample, coefficient, lane);
+    const std::size_t to = next_.add();
+    next_.reals(origin_x)[to] = at.hit.place.x[lane];
+    next_.reals(origin_y)[to] = at.hit.place.y[lane];
+    next_.reals(origin_z)[to] = at.hit.place.z[lane];
+    next_.reals(dir_x)[to] = dir.x[lane];
+    next_.reals(dir_y)[to] = dir.y[lane];
+    next_.reals(dir_z)[to] = dir.z[lane];
+    next_.reals(red)[to] = coefficient.x[lane];
+    next_.reals(green)[to] = coefficient.y[lane];
+    next_.reals(blue)[to] = coefficient.z[lane];
+    next_.owners()[to] = at.owner[lane];
+    next_.samples()[to] = sample;
+    next_.fillers()[to] = crosses ? sides_[from].after : rays.fillers()[from];
+    for (std::uint32_t w = 0; w < rays.words(); ++w)
+        next_.inside(w)[to] = rays.inside(w)[from];
+    if (crosses) { // which only rays with state do
+        const std::uint32_t surface = at.group.patch->surface;
+        next_.inside(surface >> 6)[to] ^=
+            static_cast<std::int64_t>(std::uint64_t{1} << (surface & 63));
+    }
+    ++(crosses ? result_.counts.refracted : result_.counts.reflected);
+}
+
+/// Notes the weight of rays that are not followed.
+inline void TileTracer::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
+    for (unsigned left = bits_of(rays); left != 0; left &= left - 1) {
+        const int lane = __builtin_ctz(left);
+        lose(wave_.rays.samples()[at.group.index[lane]], coefficient, lane);
     }
 }
 

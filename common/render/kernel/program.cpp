@@ -99,6 +99,7 @@ bool Program::build(const Scene& scene) {
     solid_leaves_ = std::move(*leaves);
     tables_.ambient_index = *ambient;
     put(tables_.ambient, scene.world.ambient_light);
+    tables_.any_ambient = scene.world.ambient_light != Rgb{};
     put(tables_.background, scene.world.background_light);
     add_surfaces();
     add_leaves();

@@ -22,8 +22,10 @@ public:
         if (!entry_)
             return entry_.error();
 
-        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}};
+        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}, .truncated = {}};
         result.tile.rgb.resize(3 * rect.pixel_count());
+        if (settings.truncation)
+            result.truncated.resize(rect.pixel_count());
         const Rgb cut = cut_level(scene_->world, settings.exact);
         const TileJob job{.picture_width = settings.size.width,
                           .picture_height = settings.size.height,
@@ -34,7 +36,8 @@ public:
                           .depth = settings.depth,
                           .aa = settings.aa,
                           .cut = {cut.x, cut.y, cut.z},
-                          .rgb = result.tile.rgb.data()};
+                          .rgb = result.tile.rgb.data(),
+                          .truncated = settings.truncation ? result.truncated.data() : nullptr};
         const TileControl tile_control{&control, &report};
         const TileResult drawn = (*entry_)->render_tile(program_->tables(), job, tile_control);
         switch (drawn.end) {

@@ -60,6 +60,8 @@ inline void TileTracer::draw_block(const Block& block) {
         std::size_t{block.width} * block.height * static_cast<std::size_t>(block.count);
     radiance_.assign(3 * samples, 0.0);
     rays_of_.assign(samples, 0);
+    if (job_.truncated != nullptr)
+        lost_.assign(3 * samples, 0.0);
     const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
     if (job_.depth > 0 && seen) {
         view_ = look_through(block);
@@ -71,6 +73,8 @@ inline void TileTracer::draw_block(const Block& block) {
         }
         if (view_ >= View::one_plane && block.first == 0)
             result_.counts.skipped_pixels += std::uint64_t{block.width} * block.height;
+    } else {
+        std::fill(lost_.begin(), lost_.end(), 1.0);
     }
     const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
     const double weight = 1.0 / static_cast<double>(per_pixel);
@@ -79,13 +83,21 @@ inline void TileTracer::draw_block(const Block& block) {
         for (std::uint64_t i = 0; i < block.count; ++i, ++sample) {
             for (std::size_t c = 0; c < 3; ++c)
                 pixel_sum_[c] += radiance_[3 * sample + c];
+            for (std::size_t c = 0; c < 3 && job_.truncated != nullptr; ++c)
+                pixel_lost_[c] += lost_[3 * sample + c];
             pixel_truncated_ |= rays_of_[sample] > rays_per_sample_max;
         }
         if (block.first + block.count < per_pixel)
             return;
-        float* const rgb = job_.rgb + 3 * (std::size_t{row} * job_.width + column);
+        const std::size_t pixel = std::size_t{row} * job_.width + column;
+        float* const rgb = job_.rgb + 3 * pixel;
         for (std::size_t c = 0; c < 3; ++c)
             rgb[c] = as_float(pixel_sum_[c] * weight), pixel_sum_[c] = 0;
+        if (job_.truncated != nullptr) {
+            const double most = *std::max_element(pixel_lost_, pixel_lost_ + 3);
+            job_.truncated[pixel] = as_float(most * weight);
+            std::fill(pixel_lost_, pixel_lost_ + 3, 0.0);
+        }
         result_.counts.truncated_pixels += pixel_truncated_;
         pixel_truncated_ = false;
     });

@@ -167,6 +167,7 @@ struct Tables {
     const Light* lights;
     std::uint32_t light_count;
     double ambient[3], background[3];
+    bool any_ambient; ///< it is not black
     double ambient_index;
     CameraTable camera;
 
@@ -185,6 +186,8 @@ struct TileJob {
     std::uint32_t depth, aa;
     double cut[3];
     float* rgb; ///< width * height * 3, row by row
+    /// Of each pixel the weight of the rays that were not followed; null: not asked for.
+    float* truncated;
 };
 
 struct TileCounts {

@@ -100,12 +100,23 @@ private:
     void add_background(const std::uint32_t* index, std::size_t count);
     void shade_batch(std::uint32_t key, const std::uint32_t* index, std::size_t count);
     Incidence meet(const Group& group);
+    const Wide3& diffuse(Incidence& at);
     void add_light(std::size_t groups);
     bool look_towards(const Light& light, std::size_t groups);
     void add_light_of(const Light& light, std::size_t first, std::size_t groups,
                       bool may_be_shadowed);
     void cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows, Mask* lit);
     void send_on(const Incidence& at);
+    void send(const Incidence& at, int lane, const Wide3& dir, const Wide3& coefficient,
+              bool crosses);
+    void lose(const Incidence& at, Mask rays, const Wide3& coefficient);
+    void lose(std::uint32_t sample, const Wide3& coefficient, int lane) {
+        if (job_.truncated == nullptr)
+            return;
+        double* lost = lost_.data() + 3 * std::size_t{sample};
+        lost[0] += coefficient.x[lane], lost[1] += coefficient.y[lane];
+        lost[2] += coefficient.z[lane];
+    }
 
     [[nodiscard]] Mask below_cut(Wide3 c) const {
         return ~((c.x > job_.cut[0]) | (c.y > job_.cut[1]) | (c.z > job_.cut[2]));
@@ -163,10 +174,12 @@ private:
 
     // Of each sample of the block.
     std::vector<double> radiance_; ///< red, green, blue
+    std::vector<double> lost_;     ///< weight of rays not followed, likewise; empty if not wanted
     std::vector<std::uint32_t> rays_of_;
 
     std::vector<Incidence> batch_;
-    std::vector<double> pixel_sum_; ///< of a pixel whose samples are in several blocks
+    // Of a pixel whose samples are in several blocks.
+    double pixel_sum_[3] = {}, pixel_lost_[3] = {};
     bool pixel_truncated_ = false;
     std::uint64_t unreported_ = 0;
     TileResult result_;

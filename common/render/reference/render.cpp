@@ -28,7 +28,7 @@ public:
         Tracer tracer(model_, settings, control, interrupt);
         const auto radiance = [&](double x, double y) { return tracer.radiance(x, y); };
 
-        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}};
+        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}, .truncated = {}};
         result.tile.rgb.reserve(3 * rect.pixel_count());
         for (std::uint32_t row = rect.y; row < rect.y + rect.height; ++row)
             for (std::uint32_t column = rect.x; column < rect.x + rect.width; ++column) {
