@@ -3,7 +3,7 @@
 
 #include "common/render/kernel/tables.hpp"
 
-#include <cstdint>
+#include <algorithm>
 
 namespace fraja::kernel {
 namespace {
@@ -62,6 +62,62 @@ private:
         return dot(plane.normal, way) - slack;
     }
 };
+
+/// The rays through a rectangle of the screen, all of which is 0 to 1 both ways; false where
+/// nothing useful is known of them: they spread too far, or start at two eyes.
+inline bool beam_through(const CameraTable& camera, const double (&across)[2],
+                         const double (&down)[2], Beam& beam) {
+    if (camera.stereo && across[0] < 0.5 && across[1] > 0.5)
+        return false;
+    const bool right_eye = camera.stereo && across[0] >= 0.5;
+    struct Way {
+        double v[3], length;
+    };
+    // From the eye to the screen; stereo eyes look the same way.
+    const auto way_to = [&](double x, double y) {
+        const double u = !camera.stereo ? x : right_eye ? 2 * x - 1 : 2 * x;
+        Way way{};
+        for (int c = 0; c < 3; ++c)
+            way.v[c] = ((camera.top_left[c] + u * camera.rightwards[c]) + y * camera.downwards[c]) -
+                       camera.origin[c];
+        way.length = __builtin_sqrt(Beam::dot(way.v, way.v));
+        return way;
+    };
+    const Way middle = way_to(0.5 * (across[0] + across[1]), 0.5 * (down[0] + down[1]));
+    double magnitudes = 0;
+    beam = {};
+    for (int c = 0; c < 3; ++c) {
+        const double aside =
+            camera.stereo ? (right_eye ? -camera.to_left_eye[c] : camera.to_left_eye[c]) : 0;
+        beam.dir[c] = middle.v[c] / middle.length;
+        beam.start[c] = (camera.origin[c] + middle.v[c]) + aside;
+        for (const double x : {camera.top_left[c], camera.rightwards[c], camera.downwards[c],
+                               camera.origin[c], aside})
+            magnitudes += __builtin_fabs(x);
+    }
+    // What rounding can do to a place; much more than it does.
+    const double slack = 1e-14 * magnitudes;
+    double radius = 0, cosine = 1, nearest = middle.length;
+    for (const double x : across)
+        for (const double y : down) {
+            const Way corner = way_to(x, y);
+            const double off[3] = {corner.v[0] - middle.v[0], corner.v[1] - middle.v[1],
+                                   corner.v[2] - middle.v[2]};
+            radius = std::max(radius, __builtin_sqrt(Beam::dot(off, off)));
+            cosine = std::min(cosine, Beam::dot(corner.v, beam.dir) / corner.length);
+            nearest = std::min(nearest, corner.length);
+        }
+    // Of a rectangle in a plane, a corner is farthest off any direction.
+    nearest -= radius; // of all its points
+    if (!(cosine > 0.5) || !(nearest > 0) || !(radius < 1e100))
+        return false;
+    const double spread = __builtin_sqrt(1 - cosine * cosine + 1e-14) / cosine + slack / nearest;
+    // A start may lie behind the beam's, and its ray have spread when it gets there.
+    beam.spread = spread;
+    beam.radius = (radius + slack) * (1 + spread);
+    beam.length = __builtin_inf();
+    return true;
+}
 
 } // namespace
 } // namespace fraja::kernel

@@ -225,4 +225,39 @@ BoundingSphere bounding_sphere(const Expression& e, const SurfaceCollector::Sort
     return sound ? b : BoundingSphere{{}, infinity}; // absurd numbers
 }
 
+namespace {
+
+Holds opposite(Holds h) {
+    return h == Holds::never ? Holds::always : h == Holds::always ? Holds::never : h;
+}
+
+} // namespace
+
+Holds holds_throughout(const BoundingSphere& places, const Expression& e,
+                       const SurfaceCollector::Sorted& surfaces) {
+    switch (e.kind) {
+    case Expression::Kind::never:
+        return Holds::never;
+    case Expression::Kind::always:
+        return Holds::always;
+    case Expression::Kind::literal: {
+        const double side = surfaces.side_of(e.surface, places.center);
+        const Holds inside = side > places.radius    ? Holds::never
+                             : side < -places.radius ? Holds::always
+                                                     : Holds::sometimes;
+        return e.negated ? opposite(inside) : inside;
+    }
+    case Expression::Kind::all:
+    case Expression::Kind::any:
+        break;
+    }
+    const bool all = e.kind == Expression::Kind::all;
+    Holds result = all ? Holds::always : Holds::never;
+    for (const Expression& part : e.parts) {
+        const Holds h = holds_throughout(places, part, surfaces);
+        result = all ? std::min(result, h) : std::max(result, h);
+    }
+    return result;
+}
+
 } // namespace fraja::kernel

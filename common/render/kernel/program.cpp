@@ -1,6 +1,6 @@
 #include "common/render/kernel/program.hpp"
 
-#include "common/render/kernel/bounds.hpp"
+#include "common/render/kernel/reach.hpp"
 #include "common/render/kernel/triples.hpp"
 #include "common/render/overlap_message.hpp"
 
@@ -64,6 +64,22 @@ Vec3 leftwards(const Vec3& dir) {
     return is_finite(left) ? left : Vec3{0, 1, 0};
 }
 
+SphereSurface surface_of(const Sphere& sphere, const Vec3& center) {
+    SphereSurface s{};
+    put(s.center, sphere.center - center);
+    s.radius = std::abs(sphere.radius);
+    return s;
+}
+
+std::vector<SphereSurface> surfaces_of(const std::vector<SphereApart>& spheres,
+                                       const Vec3& center) {
+    std::vector<SphereSurface> surfaces;
+    surfaces.reserve(spheres.size());
+    for (const SphereApart& apart : spheres)
+        surfaces.push_back(surface_of(apart.sphere, center));
+    return surfaces;
+}
+
 std::uint64_t bit(std::size_t index) {
     return std::uint64_t{1} << (index & 63);
 }
@@ -84,49 +100,37 @@ std::unique_ptr<const Program> Program::compile(const Scene& scene, const SolidL
 
 bool Program::build(const Scene& scene) {
     add_camera(scene);
+    const std::vector<BoundingSphere> starts = screen();
     const auto is_outside = [&](const Sphere& sphere) {
-        SphereSurface s{};
-        put(s.center, sphere.center - vec(tables_.center));
-        s.radius = std::abs(sphere.radius);
-        return all_of_screen([&](const Vec3& p, double margin) { return side_of(s, p) > margin; });
+        const SphereSurface s = surface_of(sphere, vec(tables_.center));
+        return std::ranges::all_of(starts, [&](const BoundingSphere& places) {
+            return side_of(s, places.center) > places.radius;
+        });
     };
     auto leaves = solids_.collect(is_outside);
     const auto ambient = refractive_index(scene, scene.world.ambient_volume);
     if (!leaves || !ambient)
         return false;
     materials_ = collect_materials(scene);
-    add_spheres_apart(solids_.take_spheres_apart());
     solid_leaves_ = std::move(*leaves);
+    spheres_apart_ = solids_.take_spheres_apart();
     tables_.ambient_index = *ambient;
     put(tables_.ambient, scene.world.ambient_light);
     tables_.any_ambient = scene.world.ambient_light != Rgb{};
     put(tables_.background, scene.world.background_light);
+    add_lights(scene);
     add_surfaces();
+    leave_out_hidden(starts);
+    sort_leaves();
+    build_hierarchy();
     add_leaves();
     add_relations();
     find_features();
-    add_lights(scene);
+    if (tables_.stateful)
+        for (Light& light : lights_)
+            find_filler(light);
     point_tables();
     return true;
-}
-
-void Program::add_spheres_apart(std::vector<SphereApart> spheres) {
-    std::vector<SphereSurface> surfaces;
-    surfaces.reserve(spheres.size());
-    for (const SphereApart& apart : spheres) {
-        SphereSurface s{};
-        put(s.center, apart.sphere.center - vec(tables_.center));
-        s.radius = std::abs(apart.sphere.radius);
-        surfaces.push_back(s);
-    }
-    bvh_ = build_bvh(surfaces);
-    bvh_spheres_.reserve(surfaces.size());
-    bvh_materials_.reserve(surfaces.size());
-    for (const std::uint32_t i : bvh_.order) {
-        bvh_spheres_.push_back(surfaces[i]);
-        bvh_materials_.push_back(materials_[spheres[i].texture]);
-    }
-    bvh_.order = {};
 }
 
 // ------------------------------------------------------------------------------ surfaces, leaves
@@ -138,6 +142,20 @@ void renumber(Expression& e, const std::vector<std::uint32_t>& new_number) {
         e.surface = new_number[e.surface];
     for (Expression& part : e.parts)
         renumber(part, new_number);
+}
+
+void renumber(std::vector<SolidLeaf>& leaves, const std::vector<std::uint32_t>& new_number) {
+    for (SolidLeaf& leaf : leaves) {
+        renumber(leaf.inside, new_number);
+        for (LeafSurface& surface : leaf.surfaces)
+            surface.side.surface = new_number[surface.side.surface];
+    }
+}
+
+template <class T>
+void erase_marked(std::vector<T>& from, const std::vector<bool>& marked) {
+    std::size_t i = 0;
+    std::erase_if(from, [&](const T&) { return marked[i++]; });
 }
 
 /// Whether each leaf is the inside of a surface of its own.
@@ -153,30 +171,64 @@ bool are_surfaces(const std::vector<SolidLeaf>& leaves) {
 
 void Program::add_surfaces() {
     surfaces_ = collector_.sorted();
-    for (SolidLeaf& leaf : solid_leaves_) {
-        renumber(leaf.inside, surfaces_.new_number);
-        for (LeafSurface& surface : leaf.surfaces)
-            surface.side.surface = surfaces_.new_number[surface.side.surface];
-    }
+    renumber(solid_leaves_, surfaces_.new_number);
+}
+
+/// Of solids that no ray can reach nothing is kept, nor of surfaces that only they have.
+void Program::leave_out_hidden(const std::vector<BoundingSphere>& starts) {
+    const Reach::Scene scene{solid_leaves_,
+                             surfaces_,
+                             materials_,
+                             tables_.camera,
+                             starts,
+                             !lights_.empty(),
+                             [&](std::size_t a, std::size_t b) {
+                                 return solids_.displaces(solid_leaves_[a], solid_leaves_[b]);
+                             }};
+    const Reach reach(scene);
+    tables_.camera_is_outside = reach.camera_is_outside();
+    erase_marked(spheres_apart_,
+                 reach.hidden_spheres(surfaces_of(spheres_apart_, vec(tables_.center))));
+    erase_marked(solid_leaves_, reach.hidden_leaves());
+    std::vector<bool> used(surfaces_.size(), false);
+    for (const SolidLeaf& leaf : solid_leaves_)
+        for (const LeafSurface& s : leaf.surfaces)
+            used[s.side.surface] = true;
+    renumber(solid_leaves_, surfaces_.keep(used));
+}
+
+/// The leaf of a surface gets its number, where all are such.
+void Program::sort_leaves() {
     tables_.leaf_is_surface =
-        are_surfaces(solid_leaves_) && solid_leaves_.size() == collector_.size();
+        are_surfaces(solid_leaves_) && solid_leaves_.size() == surfaces_.size();
     if (tables_.leaf_is_surface)
-        std::sort(solid_leaves_.begin(), solid_leaves_.end(),
-                  [](const SolidLeaf& a, const SolidLeaf& b) {
-                      return a.inside.surface < b.inside.surface;
-                  });
+        std::ranges::sort(solid_leaves_, {},
+                          [](const SolidLeaf& leaf) { return leaf.inside.surface; });
+}
+
+void Program::build_hierarchy() {
+    const std::vector<SphereSurface> spheres = surfaces_of(spheres_apart_, vec(tables_.center));
+    bvh_ = build_bvh(spheres);
+    bvh_spheres_.reserve(spheres.size());
+    bvh_materials_.reserve(spheres.size());
+    for (const std::uint32_t i : bvh_.order) {
+        bvh_spheres_.push_back(spheres[i]);
+        bvh_materials_.push_back(materials_[spheres_apart_[i].texture]);
+    }
+    bvh_.order = {};
+    spheres_apart_ = {};
 }
 
 void Program::add_leaves() {
-    leaf_of_surface_.assign(collector_.size(), none);
-    entry_keys_.assign(collector_.size(), 0);
+    leaf_of_surface_.assign(surfaces_.size(), none);
+    entry_keys_.assign(surfaces_.size(), 0);
     for (const SolidLeaf& leaf : solid_leaves_)
         add_leaf(leaf);
-    in_composite_ = std::make_unique<bool[]>(collector_.size());
+    in_composite_ = std::make_unique<bool[]>(surfaces_.size());
     for (const std::uint32_t leaf : composite_leaves_)
         for (const LeafSurface& surface : solid_leaves_[leaf].surfaces)
             in_composite_[surface.side.surface] = true;
-    user_begin_.assign(collector_.size() + 1, 0);
+    user_begin_.assign(surfaces_.size() + 1, 0);
     for (const Patch& patch : patches_)
         ++user_begin_[patch.surface + 1];
     std::partial_sum(user_begin_.begin(), user_begin_.end(), user_begin_.begin());
@@ -308,81 +360,22 @@ void Program::add_camera(const Scene& scene) {
     }
 }
 
-double Program::side_of_surface(std::uint32_t surface, const Vec3& p) const {
-    if (surface < surfaces_.spheres.size())
-        return side_of(surfaces_.spheres[surface], p);
-    surface -= static_cast<std::uint32_t>(surfaces_.spheres.size());
-    if (surface < surfaces_.planes.size())
-        return side_of(surfaces_.planes[surface], p);
-    surface -= static_cast<std::uint32_t>(surfaces_.planes.size());
-    if (surface < surfaces_.cylinders.size())
-        return side_of(surfaces_.cylinders[surface], p);
-    return side_of(surfaces_.cones[surface - surfaces_.cylinders.size()], p);
-}
-
-namespace {
-
-/// What is known of a formula at some places.
-enum class Holds : std::uint8_t { never, sometimes, always };
-
-/// side(surface) answers Holds for the surface's inside.
-template <class Side>
-Holds holds_at(const Expression& e, const Side& side) {
-    const auto opposite = [](Holds h) {
-        return h == Holds::never ? Holds::always : h == Holds::always ? Holds::never : h;
-    };
-    switch (e.kind) {
-    case Expression::Kind::never:
-        return Holds::never;
-    case Expression::Kind::always:
-        return Holds::always;
-    case Expression::Kind::literal:
-        return e.negated ? opposite(side(e.surface)) : side(e.surface);
-    case Expression::Kind::all:
-    case Expression::Kind::any:
-        break;
-    }
-    const bool all = e.kind == Expression::Kind::all;
-    Holds result = all ? Holds::always : Holds::never;
-    for (const Expression& part : e.parts) {
-        const Holds h = holds_at(part, side);
-        result = all ? std::min(result, h) : std::max(result, h);
-    }
-    return result;
-}
-
-} // namespace
-
-/// Whether f(p, margin) holds for places p that have every ray's start within their margin: on the
-/// screen, which is a rectangle, or two.
-template <class F>
-bool Program::all_of_screen(F&& f) const {
+/// Spheres around the places where camera rays start: the screen, which is a rectangle, or two.
+std::vector<BoundingSphere> Program::screen() const {
     const CameraTable& c = tables_.camera;
     constexpr int parts = 4; // of the screen, each way
     const Vec3 part_across = vec(c.rightwards) / double{parts};
     const Vec3 part_down = vec(c.downwards) / double{parts};
     const double part_radius = 0.5 * length(part_across) + 0.5 * length(part_down);
     const Vec3 aside = vec(c.to_left_eye);
+    std::vector<BoundingSphere> places;
     for (int i = 0; i < parts * parts; ++i)
         for (const Vec3& eye : {aside, -aside}) {
             const Vec3 p = vec(c.top_left) + (0.5 + i % parts) * part_across +
                            (0.5 + i / parts) * part_down + eye;
-            if (!f(p, part_radius + 1e-9 * length(p)))
-                return false;
+            places.push_back({p, part_radius + 1e-9 * length(p)});
         }
-    return true;
-}
-
-bool Program::camera_may_be_inside() const {
-    return !all_of_screen([&](const Vec3& p, double margin) {
-        const auto side = [&](std::uint32_t surface) {
-            const double d = side_of_surface(surface, p);
-            return d > margin ? Holds::never : d < -margin ? Holds::always : Holds::sometimes;
-        };
-        return std::all_of(solid_leaves_.begin(), solid_leaves_.end(), [&](const SolidLeaf& leaf) {
-            return holds_at(leaf.inside, side) == Holds::never;
-        });
-    });
+    return places;
 }
 
 void Program::find_features() {
@@ -396,16 +389,15 @@ void Program::find_features() {
     }
     for (const std::uint32_t material : bvh_materials_)
         tables_.mirrors |= materials_.table[material].mirror;
-    for (std::uint32_t surface = 0; surface < collector_.size(); ++surface) {
+    for (std::uint32_t surface = 0; surface < surfaces_.size(); ++surface) {
         std::set<std::uint32_t> leaves;
         for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)
             leaves.insert(patches_[users_[u]].leaf);
         tables_.shared_surfaces |= leaves.size() > 1;
     }
-    tables_.camera_is_outside = !camera_may_be_inside();
     tables_.stateful = enterable || !tables_.camera_is_outside;
     tables_.surface_words =
-        tables_.stateful ? static_cast<std::uint32_t>((collector_.size() + 63) / 64) : 0;
+        tables_.stateful ? static_cast<std::uint32_t>((surfaces_.size() + 63) / 64) : 0;
 }
 
 void Program::add_lights(const Scene& scene) {
@@ -427,9 +419,6 @@ void Program::add_lights(const Scene& scene) {
             add(light, directional.light);
         }
     }
-    if (tables_.stateful)
-        for (Light& light : lights_)
-            find_filler(light);
 }
 
 /// What fills the place of a point light; unknown near a surface, where it depends on rounding.
@@ -437,9 +426,9 @@ void Program::find_filler(Light& light) const {
     if (!light.point)
         return;
     const Vec3 p = vec(light.to);
-    std::vector<bool> inside(collector_.size());
+    std::vector<bool> inside(surfaces_.size());
     for (std::uint32_t s = 0; s < inside.size(); ++s) {
-        const double side = side_of_surface(s, p);
+        const double side = surfaces_.side_of(s, p);
         if (!(std::abs(side) > 1e-9 * (length(p) + std::abs(side))))
             return;
         inside[s] = side < 0;
@@ -469,7 +458,7 @@ void Program::point_tables() {
     const auto count = [](const auto& table) { return static_cast<std::uint32_t>(table.size()); };
     t.sphere_count = count(surfaces_.spheres), t.plane_count = count(surfaces_.planes);
     t.cylinder_count = count(surfaces_.cylinders), t.cone_count = count(surfaces_.cones);
-    t.surface_count = static_cast<std::uint32_t>(collector_.size());
+    t.surface_count = static_cast<std::uint32_t>(surfaces_.size());
     t.leaves = leaves_.data(), t.leaf_count = count(leaves_);
     t.nodes = nodes_.data();
     t.leaf_surfaces = leaf_surfaces_.data();

@@ -1,6 +1,7 @@
 // A scene made into tables.
 #pragma once
 
+#include "common/render/kernel/bounds.hpp"
 #include "common/render/kernel/bvh.hpp"
 #include "common/render/kernel/materials.hpp"
 #include "common/render/kernel/solids.hpp"
@@ -33,8 +34,11 @@ private:
     Program(const Scene& scene, const SolidLimits& limits, const Vec3& center);
     bool build(const Scene& scene);
 
-    void add_spheres_apart(std::vector<SphereApart> spheres);
+    [[nodiscard]] std::vector<BoundingSphere> screen() const;
     void add_surfaces();
+    void leave_out_hidden(const std::vector<BoundingSphere>& starts);
+    void sort_leaves();
+    void build_hierarchy();
     void add_leaves();
     void add_leaf(const SolidLeaf& leaf);
     Node node_of(const Expression& e);
@@ -43,15 +47,12 @@ private:
     void find_filler(Light& light) const;
     void add_camera(const Scene& scene);
     void find_features();
-    [[nodiscard]] bool camera_may_be_inside() const;
-    template <class F>
-    [[nodiscard]] bool all_of_screen(F&& f) const;
-    [[nodiscard]] double side_of_surface(std::uint32_t surface, const Vec3& p) const;
     void point_tables();
 
     SurfaceCollector collector_;
     SolidCollector solids_;
     std::vector<SolidLeaf> solid_leaves_;
+    std::vector<SphereApart> spheres_apart_; ///< until their hierarchy is built
 
     Bvh bvh_;
     std::vector<SphereSurface> bvh_spheres_;

@@ -106,16 +106,47 @@ SurfaceCollector::Sorted SurfaceCollector::sorted() const {
 double side_of(const SphereSurface& s, const Vec3& p) {
     return length(p - vec(s.center)) - s.radius;
 }
-double side_of(const PlaneSurface& s, const Vec3& p) {
+
+namespace {
+
+double side(const PlaneSurface& s, const Vec3& p) {
     return dot(vec(s.normal), p - vec(s.point));
 }
-double side_of(const CylinderSurface& s, const Vec3& p) {
+double side(const CylinderSurface& s, const Vec3& p) {
     return length(cross(p - vec(s.origin), vec(s.axis))) - s.radius;
 }
-double side_of(const ConeSurface& s, const Vec3& p) {
+double side(const ConeSurface& s, const Vec3& p) {
     const Vec3 f = p - vec(s.origin);
-    const double side = length(cross(f, vec(s.axis))) - s.slope * std::abs(dot(f, vec(s.axis)));
-    return side / (1 + s.slope); // grows no faster than one goes
+    const double off = length(cross(f, vec(s.axis))) - s.slope * std::abs(dot(f, vec(s.axis)));
+    return off / (1 + s.slope); // grows no faster than one goes
+}
+
+} // namespace
+
+double SurfaceCollector::Sorted::side_of(std::uint32_t surface, const Vec3& p) const {
+    if (surface < spheres.size())
+        return kernel::side_of(spheres[surface], p);
+    surface -= static_cast<std::uint32_t>(spheres.size());
+    if (surface < planes.size())
+        return side(planes[surface], p);
+    surface -= static_cast<std::uint32_t>(planes.size());
+    if (surface < cylinders.size())
+        return side(cylinders[surface], p);
+    return side(cones[surface - cylinders.size()], p);
+}
+
+std::vector<std::uint32_t> SurfaceCollector::Sorted::keep(const std::vector<bool>& used) {
+    std::vector<std::uint32_t> numbers(size());
+    std::uint32_t old = 0, next = 0;
+    const auto compact = [&](auto& table) {
+        std::erase_if(table, [&](const auto&) {
+            numbers[old] = next;
+            next += used[old] ? 1u : 0u;
+            return !used[old++];
+        });
+    };
+    compact(spheres), compact(planes), compact(cylinders), compact(cones);
+    return numbers;
 }
 
 } // namespace fraja::kernel

@@ -34,6 +34,14 @@ public:
         std::vector<CylinderSurface> cylinders;
         std::vector<ConeSurface> cones;
         std::vector<std::uint32_t> new_number; ///< by number of collection
+
+        [[nodiscard]] std::size_t size() const {
+            return spheres.size() + planes.size() + cylinders.size() + cones.size();
+        }
+        /// How far a point is from the inside of a surface, negative inside; of a cone, at least.
+        [[nodiscard]] double side_of(std::uint32_t surface, const Vec3& p) const;
+        /// Leaves out what is not used; answers the number that each surface has now.
+        std::vector<std::uint32_t> keep(const std::vector<bool>& used);
     };
     [[nodiscard]] Sorted sorted() const;
 
@@ -59,10 +67,6 @@ private:
     std::vector<ConeSurface> cones_;
 };
 
-/// How far a point is from the inside of a surface, negative inside; of a cone, at least.
 [[nodiscard]] double side_of(const SphereSurface& s, const Vec3& p);
-[[nodiscard]] double side_of(const PlaneSurface& s, const Vec3& p);
-[[nodiscard]] double side_of(const CylinderSurface& s, const Vec3& p);
-[[nodiscard]] double side_of(const ConeSurface& s, const Vec3& p);
 
 } // namespace fraja::kernel

@@ -72,7 +72,6 @@ private:
 
     // view.hpp
     enum class View : std::uint8_t { everything, some, one_plane, nothing };
-    [[nodiscard]] bool beam_through(const Block& block, Beam& beam) const;
     [[nodiscard]] View look_through(const Block& block);
     void meet_plane(std::int32_t plane);
 

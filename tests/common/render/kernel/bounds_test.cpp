@@ -23,21 +23,10 @@ public:
     }
     /// Of the last around().
     [[nodiscard]] bool contains(const Vec3& p) const {
-        return formula_.holds([&](std::uint32_t s) { return side(s, p) <= 0; });
+        return formula_.holds([&](std::uint32_t s) { return sorted_.side_of(s, p) <= 0; });
     }
 
 private:
-    [[nodiscard]] double side(std::size_t s, const Vec3& p) const {
-        if (s < sorted_.spheres.size())
-            return side_of(sorted_.spheres[s], p);
-        s -= sorted_.spheres.size();
-        if (s < sorted_.planes.size())
-            return side_of(sorted_.planes[s], p);
-        s -= sorted_.planes.size();
-        if (s < sorted_.cylinders.size())
-            return side_of(sorted_.cylinders[s], p);
-        return side_of(sorted_.cones[s - sorted_.cylinders.size()], p);
-    }
     void renumber(Expression& e) const {
         if (e.kind == Expression::Kind::literal)
             e.surface = sorted_.new_number[e.surface];

@@ -2,7 +2,9 @@
 #include "tests/support/draw.hpp"
 #include "tests/support/scene_builder.hpp"
 
+#include <algorithm>
 #include <doctest/doctest.h>
+#include <vector>
 
 namespace fraja {
 namespace {
@@ -103,6 +105,69 @@ TEST_CASE("where there is a plane and nothing else, none is searched for") {
     const RayCounts ahead = counts(b.scene, {.size = {128, 96}});
     CHECK(ahead.skipped_pixels >= 128 * 32);
     CHECK(ahead.skipped_pixels < 128 * 96);
+}
+
+/// The ball and the lamp above a floor, and what else there is.
+Scene with_floor(const std::vector<Sphere>& more, const LocalTexture& floor,
+                 const LocalTexture& texture) {
+    SceneBuilder b = ball_and_lamp(matte(0.5));
+    std::vector<SolidIndex> members{b.scene.world.solid};
+    members.push_back(b.solid(Plane{{0, 0, -3}, {0, 0, 1}}, floor, IsotropicVolume{1.5}));
+    for (const Sphere& sphere : more)
+        members.push_back(b.solid(sphere, texture, IsotropicVolume{1.5}));
+    b.aggregate(members);
+    return b.scene;
+}
+
+TEST_CASE("a solid that an opaque one hides costs nothing, nor do its surfaces") {
+    const Sphere below{{5, 1, -6}, 2}, within{{5, 0, 0.5}, 1}, half{{5, 3, -3}, 1};
+    const RayCounts bare = counts(with_floor({}, matte(0.5), mirror()));
+    CHECK(counts(with_floor({below}, matte(0.5), mirror())) == bare);
+    CHECK(counts(with_floor({below, within}, matte(0.5), mirror())) == bare);
+    CHECK(counts(with_floor({below, within}, matte(0.5), glass())) == bare);
+    CHECK(counts(with_floor({half}, matte(0.5), mirror())).form_tests > bare.form_tests);
+    // Through a glass floor it is seen.
+    CHECK(counts(with_floor({below}, glass(), matte(0.5)), {.size = size, .exact = true}) !=
+          counts(with_floor({}, glass(), matte(0.5)), {.size = size, .exact = true}));
+    // Of many, which have a hierarchy, as well.
+    std::vector<Sphere> many(100, below);
+    for (std::size_t i = 0; i < many.size(); ++i)
+        many[i].center.y += 0.01 * static_cast<double>(i);
+    const std::vector<Sphere> fewer(many.begin(), many.begin() + 30);
+    CHECK(counts(with_floor(many, matte(0.5), mirror())) ==
+          counts(with_floor(fewer, matte(0.5), mirror())));
+}
+
+TEST_CASE("what lies beside the picture costs nothing where there are only camera rays") {
+    const std::vector<Sphere> beside{Sphere{{5, 40, 0}, 2}, Sphere{{-20, 0, 0}, 2}};
+    Scene bare = with_floor({}, matte(0.5), matte(0.5));
+    Scene more = with_floor(beside, matte(0.5), matte(0.5));
+    CHECK(counts(more).form_tests > counts(bare).form_tests); // it may throw a shadow
+    bare.world.lights.clear(), more.world.lights.clear();
+    CHECK(counts(more) == counts(bare));
+    Scene mirrors = with_floor(beside, mirror(), matte(0.5));
+    mirrors.world.lights.clear();
+    CHECK(counts(mirrors).form_tests > counts(bare).form_tests);
+}
+
+TEST_CASE("an opaque solid hides nothing from a ray in glass that displaces it") {
+    SceneBuilder b;
+    const SolidIndex ball = b.solid(Sphere{{5, 0, 0}, 2}, matte(0.2), IsotropicVolume{1.5});
+    const SolidIndex lens = b.solid(Sphere{{4, 0, 0}, 2.5}, glass(), IsotropicVolume{1.1});
+    const SolidIndex core = b.solid(Sphere{{4.5, 0, 0}, 0.5}, matte(0.9), IsotropicVolume{1.5});
+    b.aggregate({ball, lens, core}, {{lens, ball}, {core, lens}, {core, ball}});
+    const RenderSettings settings{.size = {64, 48}};
+    const auto want = draw(b.scene, Kernel::reference, settings);
+    const auto got = draw(b.scene, Kernel::fast, settings);
+    REQUIRE(want.has_value());
+    REQUIRE(got.has_value());
+    CHECK(got->rays.traced() == want->rays.traced());
+    float brightest = 0;
+    for (std::size_t i = 0; i < want->film.pixels().size(); ++i) {
+        CHECK(got->film.pixels()[i] == doctest::Approx(want->film.pixels()[i]));
+        brightest = std::max(brightest, got->film.pixels()[i]);
+    }
+    CHECK(brightest > 0.85F); // the core is seen
 }
 
 TEST_CASE("nothing under the cut level is followed") {

@@ -1,0 +1,82 @@
+#include "common/render/kernel/reach.hpp"
+
+#include "common/render/kernel/beam.hpp"
+#include "common/render/kernel/triples.hpp"
+
+#include <algorithm>
+
+namespace fraja::kernel {
+
+Reach::Reach(const Scene& scene) : scene_(scene) {
+    for (const SolidLeaf& leaf : scene.leaves)
+        bounds_.push_back(bounding_sphere(leaf.inside, scene.surfaces));
+    only_camera_rays_ = !scene.any_lights &&
+                        std::ranges::none_of(scene.materials.table,
+                                             [](const Material& m) { return m.mirror || m.glass; });
+    find_covers();
+}
+
+void Reach::find_covers() {
+    const std::size_t count = scene_.leaves.size();
+    std::vector<std::size_t> opaque, enterable;
+    for (std::size_t i = 0; i < count; ++i) {
+        const SolidLeaf& leaf = scene_.leaves[i];
+        const bool starts_outside =
+            std::ranges::all_of(scene_.starts, [&](const BoundingSphere& places) {
+                return holds(i, places) == Holds::never;
+            });
+        camera_is_outside_ &= starts_outside;
+        const bool glass = std::ranges::any_of(leaf.surfaces, [&](const LeafSurface& s) {
+            return scene_.materials.table[scene_.materials[s.texture_out]].glass;
+        });
+        (glass || !starts_outside ? enterable : opaque).push_back(i);
+    }
+    if (opaque.size() * (enterable.size() + count) > hidden_pairs_max)
+        return;
+    for (const std::size_t i : opaque)
+        if (std::ranges::all_of(enterable, [&](std::size_t other) {
+                return scene_.displaces(i, other) || holds(i, bounds_[other]) != Holds::sometimes;
+            }))
+            covers_.push_back(i);
+}
+
+Holds Reach::holds(std::size_t leaf, const BoundingSphere& places) const {
+    return holds_throughout(places, scene_.leaves[leaf].inside, scene_.surfaces);
+}
+
+bool Reach::is_hidden(const BoundingSphere& bounds) const {
+    return bounds.radius < 0 || beside_the_picture(bounds) ||
+           std::ranges::any_of(
+               covers_, [&](std::size_t cover) { return holds(cover, bounds) == Holds::always; });
+}
+
+bool Reach::beside_the_picture(const BoundingSphere& bounds) const {
+    Beam beam;
+    if (!only_camera_rays_ || !camera_is_outside_ ||
+        !beam_through(scene_.camera, {0, 1}, {0, 1}, beam))
+        return false;
+    double center[3];
+    put(center, bounds.center);
+    return beam.misses(center, bounds.radius);
+}
+
+std::vector<bool> Reach::hidden_leaves() const {
+    std::vector<bool> hidden;
+    for (const BoundingSphere& bounds : bounds_)
+        hidden.push_back(is_hidden(bounds));
+    return hidden;
+}
+
+std::vector<bool> Reach::hidden_spheres(const std::vector<SphereSurface>& spheres) const {
+    std::vector<bool> hidden(spheres.size(), false);
+    if (covers_.size() * spheres.size() <= hidden_pairs_max)
+        for (std::size_t i = 0; i < spheres.size(); ++i) {
+            const Vec3 center = vec(spheres[i].center);
+            // More than rounding can have taken away.
+            hidden[i] = is_hidden(
+                {center, spheres[i].radius + 1e-9 * (spheres[i].radius + length(center))});
+        }
+    return hidden;
+}
+
+} // namespace fraja::kernel

@@ -1,0 +1,53 @@
+// What no ray can reach: a kernel need not hold it.
+#pragma once
+
+#include "common/render/kernel/bounds.hpp"
+#include "common/render/kernel/materials.hpp"
+#include "common/render/kernel/solids.hpp"
+#include "common/render/kernel/tables.hpp"
+
+#include <functional>
+#include <vector>
+
+namespace fraja::kernel {
+
+/// Pairs of solids, one of which might hide the other, that are worth being looked at.
+inline constexpr std::size_t hidden_pairs_max = std::size_t{1} << 24;
+
+/// A solid is hidden within an opaque one that every ray ends at: all start outside, and whatever
+/// glass they may be in when they get there is displaced (or lies within as a whole). Where there are only camera rays (no
+/// lights, mirrors, glass), what lies beside the picture is hidden as well.
+class Reach {
+public:
+    struct Scene {
+        const std::vector<SolidLeaf>& leaves; ///< surfaces have numbers of Tables
+        const SurfaceCollector::Sorted& surfaces;
+        const Materials& materials;
+        const CameraTable& camera;
+        std::vector<BoundingSphere> starts; ///< around the places where camera rays start
+        bool any_lights;
+        std::function<bool(std::size_t, std::size_t)> displaces; ///< of leaves, by number
+    };
+    explicit Reach(const Scene& scene);
+
+    /// No camera ray starts in a leaf.
+    [[nodiscard]] bool camera_is_outside() const { return camera_is_outside_; }
+    /// Never true where hidden_pairs_max is exceeded.
+    [[nodiscard]] std::vector<bool> hidden_leaves() const;
+    [[nodiscard]] std::vector<bool> hidden_spheres(const std::vector<SphereSurface>& spheres) const;
+
+private:
+    void find_covers();
+    /// What the leaf's formula is at all these places.
+    [[nodiscard]] Holds holds(std::size_t leaf, const BoundingSphere& places) const;
+    [[nodiscard]] bool is_hidden(const BoundingSphere& bounds) const;
+    [[nodiscard]] bool beside_the_picture(const BoundingSphere& bounds) const;
+
+    const Scene& scene_;
+    std::vector<BoundingSphere> bounds_; ///< by leaf
+    std::vector<std::size_t> covers_;    ///< leaves that hide what is in them
+    bool camera_is_outside_ = true;
+    bool only_camera_rays_ = false;
+};
+
+} // namespace fraja::kernel
