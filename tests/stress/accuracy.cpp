@@ -1,5 +1,6 @@
 // accuracy [CASES]: the errors of the fast kernel's hits, regime by regime, beside their marks.
 #include "common/base/text.hpp"
+#include "tests/stress/solid_cases.hpp"
 #include "tests/stress/surface_cases.hpp"
 
 #include <cstdio>
@@ -34,6 +35,18 @@ int main(int argc, char** argv) {
         cell(e.normal, regime.marks.normal);
         std::printf("\n");
         good &= e.missed == 0;
+    }
+    std::printf("\n%-46s %8s %10s %8s %8s\n", "solids along rays, against exact evaluation", "wrong",
+                "changes", "entries", "grazing");
+    for (const stress::SolidRegime& regime : stress::solid_regimes()) {
+        Rng rng(1);
+        const stress::Walks w = regime.run(rng, *cases);
+        std::printf("%-46s %8llu %10llu %8llu %8llu\n", regime.name.c_str(),
+                    static_cast<unsigned long long>(w.wrong),
+                    static_cast<unsigned long long>(w.changes),
+                    static_cast<unsigned long long>(w.wrong_entries),
+                    static_cast<unsigned long long>(w.grazing));
+        good &= w.wrong + w.wrong_entries == 0;
     }
     return good ? 0 : 1;
 }

@@ -4,6 +4,7 @@
 #include "common/render/kernel/roots.hpp"
 #include "common/render/kernel/surfaces.hpp"
 #include "tests/stress/quad.hpp"
+#include "tests/stress/random_vectors.hpp"
 
 #include <cmath>
 #include <numbers>
@@ -19,19 +20,6 @@ Wide3 in_all_lanes(const Vec3& v) {
 }
 Vec3 lane_of(const Wide3& v) {
     return {v.x[0], v.y[0], v.z[0]};
-}
-
-Vec3 direction(Rng& rng) {
-    for (;;) {
-        const double x = rng.between(-1, 1), y = rng.between(-1, 1);
-        const Vec3 v{x, y, rng.between(-1, 1)};
-        if (length(v) > 0.1 && length(v) < 1)
-            return normalized(v);
-    }
-}
-/// From 10^low to 10^high, every magnitude as often.
-double magnitude_between(Rng& rng, double low, double high) {
-    return std::pow(10.0, rng.between(low, high));
 }
 
 /// The truth about a form: where a line crosses it, its normal, and how far off it a place is.

@@ -311,6 +311,13 @@ void Program::add_relations() {
     tables_.all_relations = count < 2 || related == count * (count - 1) / 2;
 }
 
+std::vector<SolidIndex> Program::solids() const {
+    std::vector<SolidIndex> solids;
+    for (const SolidLeaf& leaf : solid_leaves_)
+        solids.push_back(leaf.solid);
+    return solids;
+}
+
 std::string Program::overlap_message(const Scene& scene,
                                      std::span<const std::uint32_t> leaves) const {
     if (leaves.size() < 2) // rounding took one out of the set again

@@ -25,6 +25,8 @@ public:
     Program& operator=(const Program&) = delete;
 
     [[nodiscard]] const Tables& tables() const { return tables_; }
+    /// The basic solids that the leaves of the tables are.
+    [[nodiscard]] std::vector<SolidIndex> solids() const;
     /// What to tell the scene's author about leaves (two at least) that overlap, of which none
     /// displaces all others.
     [[nodiscard]] std::string overlap_message(const Scene& scene,

@@ -177,7 +177,9 @@ private:
     Mask holds(const Node& node, const WideInt* bits);
     Moment next_time_of_part(const Node& node, bool wanted, Moment from);
     void consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates, WideInt filler);
-    Mask shows_in(WideInt filler, std::int64_t leaf);
+    [[nodiscard]] bool shows_in(std::int64_t filler, std::int64_t entered) const;
+    [[nodiscard]] Mask shows_in(WideInt filler, std::int64_t leaf) const;
+    [[nodiscard]] Mask shows_in(std::int64_t filler, WideInt leaves) const;
 
     const Tables& tables_;
     // By surface: its next crossing, and the one after; whether the rays start inside.
@@ -330,7 +332,8 @@ inline Walker::Moment Walker::next_time(const Node& node, bool wanted, Moment fr
 }
 
 /// Of two changes at one time, which only surfaces that leaves share make likely, an entry comes
-/// before the filler's end, and a leaf before those that it displaces.
+/// before the filler's end, a leaf before those that it displaces, and of two that do not displace
+/// each other the one that the scene lists first.
 FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates,
                                  WideInt filler) {
     Mask better = candidates & (moment.t < found.t);
@@ -338,7 +341,8 @@ FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf,
         const Mask tie = candidates & (moment.t == found.t) & (found.leaf >= 0);
         if (any(tie))
             better |= tie & (filler != all_lanes(leaf)) &
-                      ((found.leaf == filler) | shows_in(found.leaf, leaf));
+                      ((found.leaf == filler) | shows_in(found.leaf, leaf) |
+                       ((found.leaf > all_lanes(leaf)) & ~shows_in(leaf, found.leaf)));
     }
     found.t = select(better, moment.t, found.t);
     found.leaf = select(better, all_lanes(leaf), found.leaf);
@@ -358,6 +362,10 @@ Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
         if (tables_.in_composite[index])
             keep_sided_crossings(surface, index, rays);
     });
+    if (tables_.shared_surfaces) // for ties
+        for (int lane = 0; lane < lanes; ++lane)
+            if (found.surface[lane] >= 0)
+                found.leaf[lane] = tables_.leaf_of_surface[found.surface[lane]];
     for (const std::uint32_t leaf : composites_in_view_) {
         const Moment entry = next_time(tables_.leaves[leaf].root, true, before_start());
         consider(found, entry, leaf, entry.surface != nothing, nothing);
@@ -392,18 +400,32 @@ FRAJA_WIDE void Walker::keep_sided_crossings(const Surface& surface, std::int64_
     inside_[s] = c.inside;
 }
 
+/// Whether leaf `entered` shows when it is entered where `filler` fills the space.
+FRAJA_WIDE bool Walker::shows_in(std::int64_t filler, std::int64_t entered) const {
+    return (tables_.shows_in[static_cast<std::size_t>(filler) * tables_.leaf_words +
+                             static_cast<std::size_t>(entered >> 6)] >>
+                (entered & 63) &
+            1) != 0;
+}
+
 /// Of each lane: whether a leaf shows when it is entered where that filler fills the space.
-FRAJA_WIDE Mask Walker::shows_in(WideInt filler, std::int64_t leaf) {
+FRAJA_WIDE Mask Walker::shows_in(WideInt filler, std::int64_t leaf) const {
     if (!tables_.any_relations)
         return Mask{};
     Mask shows{};
     for (int lane = 0; lane < lanes; ++lane)
         if (filler[lane] >= 0)
-            shows[lane] = -static_cast<std::int64_t>(
-                tables_.shows_in[static_cast<std::size_t>(filler[lane]) * tables_.leaf_words +
-                                 static_cast<std::size_t>(leaf >> 6)] >>
-                    (leaf & 63) &
-                1);
+            shows[lane] = shows_in(filler[lane], leaf) ? -1 : 0;
+    return shows;
+}
+/// Likewise, of a leaf in each lane.
+FRAJA_WIDE Mask Walker::shows_in(std::int64_t filler, WideInt leaves) const {
+    if (!tables_.any_relations)
+        return Mask{};
+    Mask shows{};
+    for (int lane = 0; lane < lanes; ++lane)
+        if (leaves[lane] >= 0)
+            shows[lane] = shows_in(filler, leaves[lane]) ? -1 : 0;
     return shows;
 }
 
