@@ -66,14 +66,22 @@ struct TrueCone {
         const long double c = std::cos(static_cast<long double>(s.angle_rad)); // 64 bits will do
         return Quad{c} * c;
     }
-    [[nodiscard]] Chord ends(const Quad3& o, const Quad3& d) const {
+    /// a t^2 + 2 b t + c, 0 on the surface.
+    struct Coefficients {
+        Quad a, b, c;
+        [[nodiscard]] Quad discriminant() const { return b * b - a * c; }
+    };
+    [[nodiscard]] Coefficients coefficients(const Quad3& o, const Quad3& d) const {
         const Quad3 axis = quad(s.direction), f = o - quad(s.origin);
         const Quad k = cosine_squared() * dot(axis, axis);
         const Quad sd = dot(d, axis), sf = dot(f, axis);
-        const Quad a = k * dot(d, d) - sd * sd, b = k * dot(f, d) - sd * sf;
-        const Quad c = k * dot(f, f) - sf * sf, half = root(b * b - a * c);
-        const Quad q = b < 0 ? half - b : -half - b;
-        const Quad one = q / a, other = c / q;
+        return {k * dot(d, d) - sd * sd, k * dot(f, d) - sd * sf, k * dot(f, f) - sf * sf};
+    }
+    [[nodiscard]] Chord ends(const Quad3& o, const Quad3& d) const {
+        const Coefficients k = coefficients(o, d);
+        const Quad half = root(k.discriminant());
+        const Quad q = k.b < 0 ? half - k.b : -half - k.b;
+        const Quad one = q / k.a, other = k.c / q;
         return one < other ? Chord{one, other} : Chord{other, one};
     }
     Quad3 normal(const Quad3& p) const {
@@ -271,6 +279,43 @@ Errors cone_near_its_tip(Rng& rng, std::uint64_t cases) {
     return e;
 }
 
+/// Along the wall of a cone, from outside: one of the roots is somewhere, the other nearly at
+/// infinity, before or behind. How much depends on the rounding of the cone's angle.
+Errors cone_along_its_wall(Rng& rng, std::uint64_t cases) {
+    Errors e;
+    while (e.cases < cases) {
+        const Vec3 axis = direction(rng);
+        const Cone s{direction(rng), axis, rng.between(0.2, 1.2)};
+        const Vec3 out = across_to(axis, rng);
+        const Vec3 wall = std::cos(s.angle_rad) * axis + std::sin(s.angle_rad) * out;
+        const double off = magnitude_between(rng, -16, -4);
+        const Vec3 dir = normalized(wall + off * direction(rng));
+        const Vec3 aside = across_to(axis, rng);
+        const Vec3 origin = s.origin + rng.between(0.5, 3) * axis + rng.between(4, 12) * aside;
+        const TrueCone truth{s};
+        if (truth.off(quad(origin)) < 0)
+            continue;
+        const Chord ends = truth.ends(quad(origin), quad(dir));
+        const Quad t = magnitude(ends.low) < magnitude(ends.high) ? ends.low : ends.high;
+        const Quad other = magnitude(ends.low) < magnitude(ends.high) ? ends.high : ends.low;
+        ++e.cases;
+        const kernel::WideRays rays{in_all_lanes(origin), in_all_lanes(dir),
+                                    kernel::all_lanes(std::int64_t{kernel::none})};
+        const double quick = kernel::crossings_of(surface_of(s), 7, rays, Mask{}).first[0];
+        const bool crosses = truth.coefficients(quad(origin), quad(dir)).discriminant() >= 0;
+        const bool expected = crosses && (t > 0 || other > 0);
+        if (crosses && magnitude(other) > 1e8) { // there, rounding decides on which side
+            if (t > 0)
+                e.missed += !(magnitude(Quad{quick} - t) <= Quad{1e-4} * t);
+            else
+                e.missed += quick < 1e7;
+        } else {
+            e.missed += (quick < 1e300) != expected;
+        }
+    }
+    return e;
+}
+
 Errors plane(Rng& rng, std::uint64_t cases) {
     Errors e;
     while (e.cases < cases) {
@@ -301,7 +346,46 @@ Errors plane(Rng& rng, std::uint64_t cases) {
     return e;
 }
 
+/// One of the 15 balls.
+std::uint64_t rays_that_leave(Rng& rng, std::uint64_t rays, double radius, double away) {
+    const Sphere s{Vec3{away * radius, -away * radius, away * radius}, radius};
+    const kernel::SphereSurface surface = surface_of(s);
+    const Mask always = ~Mask{};
+    const double scale = away * radius + radius;
+    std::uint64_t left = 0;
+    for (std::uint64_t i = 0; i < rays; ++i) {
+        const Vec3 up = direction(rng), along = across_to(up, rng);
+        const double grazing = magnitude_between(rng, -6, 0.17);
+        kernel::WideRays ray{
+            in_all_lanes(s.center + radius * up),
+            in_all_lanes(normalized(std::cos(grazing) * along - std::sin(grazing) * up)),
+            kernel::all_lanes(std::int64_t{7})};
+        bool good = true;
+        for (int bounce = 0; bounce < 500 && good; ++bounce) {
+            const double quick = kernel::crossings_of(surface, 7, ray, always).first[0];
+            const kernel::WideHit hit =
+                kernel::hit_on(surface, ray.origin, ray.dir, {always, always});
+            const Vec3 off = lane_of(hit.place) - s.center;
+            good = quick > 0 && quick < 1e300 && hit.t[0] > 0 && hit.t[0] <= 2.1 * radius &&
+                   std::abs(length(off) - radius) <= 16 * eps * scale;
+            const kernel::Wide cosine = kernel::dot(hit.normal, ray.dir);
+            ray.dir = kernel::normalized(ray.dir + (-2 * cosine) * hit.normal);
+            ray.origin = hit.place;
+        }
+        left += good ? 0 : 1;
+    }
+    return left;
+}
+
 } // namespace
+
+std::uint64_t rays_that_leave_a_mirror_ball(Rng& rng, std::uint64_t rays) {
+    std::uint64_t left = 0;
+    for (const double radius : {1e-9, 1e-3, 1.0, 1e3, 1e9})
+        for (const double away : {0.0, 1e3, 1e6})
+            left += rays_that_leave(rng, (rays + 14) / 15, radius, away);
+    return left;
+}
 
 const std::vector<Regime>& surface_regimes() {
     static const std::vector<Regime> regimes{
@@ -317,6 +401,7 @@ const std::vector<Regime>& surface_regimes() {
         {"cylinder, along its axis (tilt 1e-9 to 1e-3)", {0, 4, 12}, cylinder_along_its_axis},
         {"cone, across", {10, 4, 12}, cone_from_outside},
         {"cone, 1e-9 to 1e-3 beside its tip", {0, 4, 0}, cone_near_its_tip},
+        {"cone, along its wall (but for 1e-16 to 1e-4)", {}, cone_along_its_wall},
         {"plane, its point up to 1e6 away", {10, 4, 12}, plane},
     };
     return regimes;

@@ -36,4 +36,9 @@ struct Regime {
 
 [[nodiscard]] const std::vector<Regime>& surface_regimes();
 
+/// Rays in a mirror ball, grazing its wall by 1e-6 to 1.5 rad, 500 bounces each; a fifteenth of
+/// them for each of 15 pairs of size and distance from the origin. Counts those that get off the
+/// wall.
+[[nodiscard]] std::uint64_t rays_that_leave_a_mirror_ball(Rng& rng, std::uint64_t rays);
+
 } // namespace fraja::stress

@@ -22,5 +22,10 @@ TEST_CASE("hits have the digits that are promised, regime by regime") {
     }
 }
 
+TEST_CASE("no ray leaves a mirror ball") {
+    Rng rng(1);
+    CHECK(rays_that_leave_a_mirror_ball(rng, 300) == 0);
+}
+
 } // namespace
 } // namespace fraja::stress
