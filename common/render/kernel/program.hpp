@@ -9,6 +9,7 @@
 #include "common/scene/scene.hpp"
 
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -33,7 +34,8 @@ public:
                                               std::span<const std::uint32_t> leaves) const;
 
 private:
-    Program(const Scene& scene, const SolidLimits& limits, const Vec3& center);
+    Program(const Scene& scene, const SolidLimits& limits, const std::set<SolidIndex>& listed,
+            const Vec3& center);
     bool build(const Scene& scene);
 
     [[nodiscard]] std::vector<BoundingSphere> screen() const;
@@ -41,6 +43,7 @@ private:
     void leave_out_hidden(const std::vector<BoundingSphere>& starts);
     void sort_leaves();
     void build_hierarchy();
+    [[nodiscard]] std::vector<SolidIndex> back_into_the_list(const SolidLimits& limits) const;
     void add_leaves();
     void add_leaf(const SolidLeaf& leaf);
     Node node_of(const Expression& e);
@@ -54,7 +57,8 @@ private:
     SurfaceCollector collector_;
     SolidCollector solids_;
     std::vector<SolidLeaf> solid_leaves_;
-    std::vector<SphereApart> spheres_apart_; ///< until their hierarchy is built
+    std::vector<SphereApart> spheres_apart_; ///< until all is built
+    std::vector<bool> meets_glass_;          ///< of each of them
 
     Bvh bvh_;
     std::vector<SphereSurface> bvh_spheres_;

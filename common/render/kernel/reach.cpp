@@ -6,6 +6,15 @@
 #include <algorithm>
 
 namespace fraja::kernel {
+namespace {
+
+/// Larger by more than rounding can have taken away.
+BoundingSphere around(const SphereSurface& sphere) {
+    const Vec3 center = vec(sphere.center);
+    return {center, sphere.radius + 1e-9 * (sphere.radius + length(center))};
+}
+
+} // namespace
 
 Reach::Reach(const Scene& scene) : scene_(scene) {
     for (const SolidLeaf& leaf : scene.leaves)
@@ -18,7 +27,7 @@ Reach::Reach(const Scene& scene) : scene_(scene) {
 
 void Reach::find_covers() {
     const std::size_t count = scene_.leaves.size();
-    std::vector<std::size_t> opaque, enterable;
+    std::vector<std::size_t> opaque;
     for (std::size_t i = 0; i < count; ++i) {
         const SolidLeaf& leaf = scene_.leaves[i];
         const bool starts_outside =
@@ -29,12 +38,12 @@ void Reach::find_covers() {
         const bool glass = std::ranges::any_of(leaf.surfaces, [&](const LeafSurface& s) {
             return scene_.materials.table[scene_.materials[s.texture_out]].glass;
         });
-        (glass || !starts_outside ? enterable : opaque).push_back(i);
+        (glass || !starts_outside ? enterable_ : opaque).push_back(i);
     }
-    if (opaque.size() * (enterable.size() + count) > hidden_pairs_max)
+    if (opaque.size() * (enterable_.size() + count) > hidden_pairs_max)
         return;
     for (const std::size_t i : opaque)
-        if (std::ranges::all_of(enterable, [&](std::size_t other) {
+        if (std::ranges::all_of(enterable_, [&](std::size_t other) {
                 return scene_.displaces(i, other) || holds(i, bounds_[other]) != Holds::sometimes;
             }))
             covers_.push_back(i);
@@ -70,13 +79,15 @@ std::vector<bool> Reach::hidden_leaves() const {
 std::vector<bool> Reach::hidden_spheres(const std::vector<SphereSurface>& spheres) const {
     std::vector<bool> hidden(spheres.size(), false);
     if (covers_.size() * spheres.size() <= hidden_pairs_max)
-        for (std::size_t i = 0; i < spheres.size(); ++i) {
-            const Vec3 center = vec(spheres[i].center);
-            // More than rounding can have taken away.
-            hidden[i] = is_hidden(
-                {center, spheres[i].radius + 1e-9 * (spheres[i].radius + length(center))});
-        }
+        for (std::size_t i = 0; i < spheres.size(); ++i)
+            hidden[i] = is_hidden(around(spheres[i]));
     return hidden;
+}
+
+bool Reach::meets_glass(const SphereSurface& sphere) const {
+    const BoundingSphere places = around(sphere);
+    return std::ranges::any_of(
+        enterable_, [&](std::size_t leaf) { return holds(leaf, places) == Holds::sometimes; });
 }
 
 } // namespace fraja::kernel

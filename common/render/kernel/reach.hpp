@@ -15,8 +15,9 @@ namespace fraja::kernel {
 inline constexpr std::size_t hidden_pairs_max = std::size_t{1} << 24;
 
 /// A solid is hidden within an opaque one that every ray ends at: all start outside, and whatever
-/// glass they may be in when they get there is displaced (or lies within as a whole). Where there are only camera rays (no
-/// lights, mirrors, glass), what lies beside the picture is hidden as well.
+/// glass they may be in when they get there is displaced (or lies within as a whole). Where there
+/// are only camera rays (no lights, mirrors, glass), what lies beside the picture is hidden as
+/// well.
 class Reach {
 public:
     struct Scene {
@@ -35,6 +36,8 @@ public:
     /// Never true where hidden_pairs_max is exceeded.
     [[nodiscard]] std::vector<bool> hidden_leaves() const;
     [[nodiscard]] std::vector<bool> hidden_spheres(const std::vector<SphereSurface>& spheres) const;
+    /// Whether the surface of a sphere may lie partly within a leaf that rays can be in.
+    [[nodiscard]] bool meets_glass(const SphereSurface& sphere) const;
 
 private:
     void find_covers();
@@ -45,6 +48,7 @@ private:
 
     const Scene& scene_;
     std::vector<BoundingSphere> bounds_; ///< by leaf
+    std::vector<std::size_t> enterable_; ///< leaves that rays can be in
     std::vector<std::size_t> covers_;    ///< leaves that hide what is in them
     bool camera_is_outside_ = true;
     bool only_camera_rays_ = false;

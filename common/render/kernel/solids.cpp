@@ -19,6 +19,7 @@ std::optional<double> refractive_index(const Scene& scene, const Volume& volume)
 
 std::optional<std::vector<SolidLeaf>>
 SolidCollector::collect(const std::function<bool(const Sphere&)>& is_outside) {
+    find_named();
     find_spheres_apart(is_outside);
     if (!collect(scene_.world.solid))
         return std::nullopt;
@@ -36,22 +37,54 @@ const BasicTexturedForm* SolidCollector::lone_opaque_sphere(const BasicSolid& so
     return ktg == Rgb{} ? form : nullptr;
 }
 
-/// A scene with priorities has none: where a solid displaces others, all are leaves.
+namespace {
+
+/// How often something is referred to, as far as it matters.
+class Uses {
+public:
+    explicit Uses(std::size_t count) : uses_(count, 0) {}
+    void add(std::size_t index) {
+        uses_[index] = static_cast<std::uint8_t>(std::min(uses_[index] + 1, 2));
+    }
+    [[nodiscard]] bool many(std::size_t index) const { return uses_[index] > 1; }
+
+private:
+    std::vector<std::uint8_t> uses_;
+};
+
+} // namespace
+
+void SolidCollector::find_named() {
+    is_named_.assign(scene_.solids.size(), false);
+    for (const Solid& solid : scene_.solids)
+        if (const auto* aggregate = std::get_if<Aggregate>(&solid))
+            for (const Priority& pair : aggregate->priorities)
+                is_named_[as_size(pair.above)] = is_named_[as_size(pair.below)] = true;
+}
+
 void SolidCollector::find_spheres_apart(const std::function<bool(const Sphere&)>& is_outside) {
-    std::vector<std::uint8_t> uses(scene_.forms.size(), 0); // of a form, up to 2
-    for (const TexturedForm& textured : scene_.textured_forms)
+    Uses forms(scene_.forms.size()), textured_forms(scene_.textured_forms.size());
+    for (const TexturedForm& textured : scene_.textured_forms) {
+        const auto add = [&](TexturedFormIndex member) { textured_forms.add(as_size(member)); };
         if (const auto* basic = std::get_if<BasicTexturedForm>(&textured))
-            uses[as_size(basic->form)] =
-                static_cast<std::uint8_t>(std::min(uses[as_size(basic->form)] + 1, 2));
+            forms.add(as_size(basic->form));
+        else if (const auto* of = std::get_if<Complement>(&textured))
+            add(of->of);
+        else if (const auto* any = std::get_if<Union>(&textured))
+            std::ranges::for_each(any->members, add);
+        else
+            std::ranges::for_each(std::get<Intersection>(textured).members, add);
+    }
+    for (const Solid& solid : scene_.solids)
+        if (const auto* basic = std::get_if<BasicSolid>(&solid))
+            textured_forms.add(as_size(basic->textured_form));
     std::size_t count = 0;
     std::vector<bool> candidates(scene_.solids.size(), false);
     for (std::size_t i = 0; i < scene_.solids.size(); ++i) {
-        if (const auto* aggregate = std::get_if<Aggregate>(&scene_.solids[i]);
-            aggregate && !aggregate->priorities.empty())
-            return;
         const auto* basic = std::get_if<BasicSolid>(&scene_.solids[i]);
         const BasicTexturedForm* form = basic ? lone_opaque_sphere(*basic) : nullptr;
-        if (!form || uses[as_size(form->form)] > 1 ||
+        if (!form || is_named_[i] || listed_.contains(static_cast<SolidIndex>(i)) ||
+            forms.many(as_size(form->form)) || textured_forms.many(as_size(basic->textured_form)) ||
             !is_outside(std::get<Sphere>(scene_.forms[as_size(form->form)])))
             continue;
         candidates[i] = true;
@@ -76,7 +109,9 @@ bool SolidCollector::collect(const Aggregate& aggregate) {
     any_priorities_ |= !priorities_.back().empty();
     for (const SolidIndex member : each_once(aggregate.members)) {
         path_.push_back({place, member});
+        named_on_path_ += is_named_[as_size(member)] ? 1U : 0U;
         const bool fits = collect(member);
+        named_on_path_ -= is_named_[as_size(member)] ? 1U : 0U;
         path_.pop_back();
         if (!fits)
             return false;
@@ -85,9 +120,10 @@ bool SolidCollector::collect(const Aggregate& aggregate) {
 }
 
 bool SolidCollector::collect(const BasicSolid& solid, SolidIndex index) {
-    if (!is_apart_.empty() && is_apart_[as_size(index)]) {
+    if (!is_apart_.empty() && is_apart_[as_size(index)] && named_on_path_ == 0) {
         const BasicTexturedForm& form = *lone_opaque_sphere(solid);
-        apart_.push_back({std::get<Sphere>(scene_.forms[as_size(form.form)]), form.texture_out});
+        apart_.push_back(
+            {std::get<Sphere>(scene_.forms[as_size(form.form)]), form.texture_out, index});
         return true;
     }
     const std::optional<double> volume = refractive_index(scene_, solid.volume);

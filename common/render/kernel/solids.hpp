@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <vector>
 
 namespace fraja::kernel {
@@ -32,10 +33,11 @@ struct SolidLeaf {
     double refractive_index = 1;
 };
 
-/// A solid that is one opaque sphere, and that no ray can be inside of.
+/// A solid that is one opaque sphere, that no ray can be inside of, and that no priority is about.
 struct SphereApart {
     Sphere sphere; ///< world space
     TextureIndex texture{};
+    SolidIndex solid{};
 };
 
 /// How much a scene may hold to be drawn with rays that carry a bit per surface.
@@ -50,8 +52,10 @@ struct SolidLimits {
 /// The leaves of a scene. Surfaces have numbers of collection.
 class SolidCollector {
 public:
-    SolidCollector(const Scene& scene, const SolidLimits& limits, SurfaceCollector& surfaces)
-        : scene_(scene), limits_(limits), surfaces_(surfaces) {}
+    /// Solids of `listed` do not stand apart.
+    SolidCollector(const Scene& scene, const SolidLimits& limits,
+                   const std::set<SolidIndex>& listed, SurfaceCollector& surfaces)
+        : scene_(scene), limits_(limits), listed_(listed), surfaces_(surfaces) {}
 
     /// Nothing when the scene is beyond the limits or has a volume that is an aggregate.
     /// `is_outside(sphere)` answers whether no camera ray starts within it.
@@ -72,6 +76,7 @@ public:
     [[nodiscard]] Parting parting(const SolidLeaf& a, const SolidLeaf& b) const;
 
 private:
+    void find_named();
     void find_spheres_apart(const std::function<bool(const Sphere&)>& is_outside);
     [[nodiscard]] const BasicTexturedForm* lone_opaque_sphere(const BasicSolid& solid) const;
     bool collect(SolidIndex index);
@@ -81,8 +86,11 @@ private:
 
     const Scene& scene_;
     SolidLimits limits_;
+    std::set<SolidIndex> listed_;
     SurfaceCollector& surfaces_;
     std::vector<SolidLeaf> leaves_;
+    std::vector<bool> is_named_; ///< by solid: some priority is about it
+    std::size_t named_on_path_ = 0;
     std::vector<bool> is_apart_; ///< by solid; empty when there are too few
     std::vector<SphereApart> apart_;
     std::vector<SolidLeaf::Step> path_;

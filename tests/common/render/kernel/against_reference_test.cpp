@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <cstdlib>
 #include <doctest/doctest.h>
+#include <span>
 #include <utility>
+#include <vector>
 
 namespace fraja {
 namespace {
@@ -91,6 +93,28 @@ TEST_CASE("so does a scene of more textures than rays, half of them the same") {
     CHECK(compare(got.film, want.film).clearly_different == 0);
     CHECK(got.rays.traced() == want.rays.traced());
     CHECK(got.rays.reflected > 0);
+}
+
+TEST_CASE("balls that stand apart miss no overlap with glass") {
+    SceneBuilder b;
+    std::vector<SolidIndex> members;
+    for (int i = 0; i < 60; ++i)
+        members.push_back(b.solid(Sphere{{i % 10 - 2.0, i / 10 - 3.0, 0.1}, 0.4}, matte(0.5)));
+    members.push_back(b.solid(Sphere{{-2, 0.2, 0}, 0.7}, glass(), IsotropicVolume{1.5}));
+    b.aggregate(members);
+    for (const Kernel kernel : {Kernel::reference, Kernel::fast}) {
+        const auto drawn = draw(b.scene, kernel, {.size = {64, 48}});
+        REQUIRE(!drawn.has_value());
+        CHECK(drawn.error().code == ErrorCode::unresolved_overlap);
+    }
+    // With priorities there is a picture: the glass is above each ball.
+    std::vector<Priority> priorities;
+    for (const SolidIndex ball : std::span(members).first(60))
+        priorities.push_back({members[60], ball});
+    b.aggregate(members, priorities);
+    const auto [want, got] = draw_both(b.scene, {.size = {64, 48}});
+    CHECK(compare(got.film, want.film).clearly_different == 0);
+    CHECK(got.rays.traced() == want.rays.traced());
 }
 
 } // namespace

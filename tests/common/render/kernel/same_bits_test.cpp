@@ -38,8 +38,8 @@ std::vector<float> pixels_of(const CompiledScene& scene, const RenderSettings& s
     return {pixels.begin(), pixels.end()};
 }
 
-/// Opaque balls, many of which touch and some of which coincide, over a floor.
-Scene heap_of_balls(Rng& rng, const Vec3& place, std::size_t count) {
+/// Opaque balls, many of which touch and some of which coincide, over a floor; above them glass.
+Scene heap_of_balls(Rng& rng, const Vec3& place, std::size_t count, bool glass_in_glass = false) {
     SceneBuilder b;
     LocalTexture shiny = mirror();
     shiny.krg = {0.5, 0.4, 0.3}, shiny.kd = {0.3, 0.3, 0.3};
@@ -52,7 +52,15 @@ Scene heap_of_balls(Rng& rng, const Vec3& place, std::size_t count) {
             radius = rng.between(0.05, 0.4);
         members.push_back(b.solid(Sphere{place + center, radius}, shiny));
     }
-    b.aggregate(members);
+    std::vector<Priority> priorities;
+    if (glass_in_glass) {
+        members.push_back(
+            b.solid(Sphere{place + Vec3{-3, 0, 4.3}, 0.8}, glass(), IsotropicVolume{1.2}));
+        members.push_back(
+            b.solid(Sphere{place + Vec3{-3, 0, 4.3}, 0.5}, glass(), IsotropicVolume{1.5}));
+        priorities = {{members[count + 2], members[count + 1]}};
+    }
+    b.aggregate(members, priorities);
     b.scene.world.lights = {PointLight{place + Vec3{-6, -3, 9}, {0.6, 0.5, 0.7}},
                             DirectionalLight{{1, 2, -3}, {0.3, 0.3, 0.2}}};
     b.scene.world.ambient_light = {0.1, 0.1, 0.1};
@@ -68,7 +76,7 @@ Scene heap_of_balls(Rng& rng, const Vec3& place, std::size_t count) {
 TEST_CASE("every instruction set and every tile size draws the same bits") {
     for_each_seed(scenes, [](Rng& rng) {
         const auto scene = std::make_shared<const Scene>(
-            rng.below(4) == 0 ? heap_of_balls(rng, {}, 60) : random_scene(rng));
+            rng.below(4) == 0 ? heap_of_balls(rng, {}, 60, rng.below(2) == 0) : random_scene(rng));
         const RenderSettings settings{
             .size = {37, 23}, .depth = 8, .aa = static_cast<std::uint32_t>(rng.below(3))};
         std::vector<float> want;
@@ -118,7 +126,8 @@ TEST_CASE("the hierarchy's float boxes hide no sphere, near the origin or 1e9 aw
         for_each_seed(scenes / 20, [&](Rng& rng) {
             CAPTURE(offset);
             const Vec3 place{offset, -offset / 3, offset / 7};
-            const auto scene = std::make_shared<const Scene>(heap_of_balls(rng, place, 300));
+            const auto scene =
+                std::make_shared<const Scene>(heap_of_balls(rng, place, 300, rng.below(2) == 0));
             const RenderSettings settings{.size = {64, 48}, .depth = 6};
             for (const kernel::KernelEntry* entry : kernel::usable_entries()) {
                 kernel::SolidLimits no_hierarchy;
