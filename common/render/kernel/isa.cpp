@@ -1,6 +1,7 @@
 // Compiled once per instruction set; FRAJA_KERNEL_ENTRY is the one name that leaves the object.
 #include "common/render/kernel/hits.hpp"
 #include "common/render/kernel/light.hpp"
+#include "common/render/kernel/probe.hpp"
 #include "common/render/kernel/samples.hpp"
 #include "common/render/kernel/tracer.hpp"
 #include "common/render/kernel/view.hpp"
@@ -20,5 +21,5 @@ TileResult render_tile(const Tables& tables, const TileJob& job, const TileContr
 } // namespace fraja::kernel
 
 extern "C" const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY;
-const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA,
-                                                       fraja::kernel::render_tile};
+const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA, fraja::kernel::render_tile,
+                                                       fraja::kernel::find_hits};

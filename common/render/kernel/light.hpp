@@ -334,8 +334,12 @@ FRAJA_WIDE void TileTracer::send(const Incidence& at, int lane, const Wide3& dir
     RayQueue& rays = wave_.rays;
     const std::uint32_t from = at.group.index[lane];
     const std::uint32_t sample = rays.samples()[from];
-    if (wave_.depth == 1 || ++rays_of_[sample] > rays_per_sample_max)
+    if (wave_.depth == 1)
         return lose(sample, coefficient, lane);
+    if (++rays_of_[sample] > rays_per_sample_max) {
+        budget_spent_ = true;
+        return lose(sample, coefficient, lane);
+    }
     const std::size_t to = next_.add();
     next_.reals(origin_x)[to] = at.hit.place.x[lane];
     next_.reals(origin_y)[to] = at.hit.place.y[lane];

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 
 namespace fraja::kernel {
 namespace {
@@ -12,15 +13,14 @@ namespace {
 /// The last guard: absurd colours (1e300 times 1e300) must not put into a picture what is no
 /// number.
 inline float as_float(double radiance) {
-    constexpr float most = std::numeric_limits<float>::max();
-    if (!(radiance > 0))
-        return 0;
-    return radiance < static_cast<double>(most) ? static_cast<float>(radiance) : most;
+    constexpr double most = static_cast<double>(std::numeric_limits<float>::max());
+    const double positive = radiance > 0 ? radiance : 0;
+    return static_cast<float>(positive < most ? positive : most);
 }
 
 /// Blocks are as square as they can be, so that their rays go the same way.
 inline std::uint32_t block_side(std::uint64_t samples_per_pixel) {
-    std::uint32_t side = 32;
+    std::uint32_t side = block_side_max;
     while (side > 1 && side * side * samples_per_pixel > block_samples_max)
         side /= 2;
     return side;
@@ -59,7 +59,7 @@ inline void TileTracer::draw_block(const Block& block) {
     const std::size_t samples =
         std::size_t{block.width} * block.height * static_cast<std::size_t>(block.count);
     radiance_.assign(3 * samples, 0.0);
-    rays_of_.assign(samples, 0);
+    rays_of_.assign(samples, 1);
     if (job_.truncated != nullptr)
         lost_.assign(3 * samples, 0.0);
     const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
@@ -76,31 +76,56 @@ inline void TileTracer::draw_block(const Block& block) {
     } else {
         std::fill(lost_.begin(), lost_.end(), 1.0);
     }
+    collect(block);
+}
+
+/// From samples to pixels; of a pixel whose samples are in several blocks with the last.
+inline void TileTracer::collect(const Block& block) {
     const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
     const double weight = 1.0 / static_cast<double>(per_pixel);
+    const bool last = block.first + block.count == per_pixel;
     std::size_t sample = 0;
     for_each_pixel(block, [&](std::uint32_t column, std::uint32_t row) {
-        for (std::uint64_t i = 0; i < block.count; ++i, ++sample) {
-            for (std::size_t c = 0; c < 3; ++c)
-                pixel_sum_[c] += radiance_[3 * sample + c];
-            for (std::size_t c = 0; c < 3 && job_.truncated != nullptr; ++c)
-                pixel_lost_[c] += lost_[3 * sample + c];
-            pixel_truncated_ |= rays_of_[sample] > rays_per_sample_max;
-        }
-        if (block.first + block.count < per_pixel)
-            return;
         const std::size_t pixel = std::size_t{row} * job_.width + column;
         float* const rgb = job_.rgb + 3 * pixel;
-        for (std::size_t c = 0; c < 3; ++c)
-            rgb[c] = as_float(pixel_sum_[c] * weight), pixel_sum_[c] = 0;
-        if (job_.truncated != nullptr) {
-            const double most = *std::max_element(pixel_lost_, pixel_lost_ + 3);
-            job_.truncated[pixel] = as_float(most * weight);
-            std::fill(pixel_lost_, pixel_lost_ + 3, 0.0);
-        }
-        result_.counts.truncated_pixels += pixel_truncated_;
-        pixel_truncated_ = false;
+        double sum[3] = {pixel_sum_[0], pixel_sum_[1], pixel_sum_[2]};
+        const double* radiance = radiance_.data() + 3 * sample;
+        for (std::uint64_t i = 0; i < block.count; ++i, radiance += 3)
+            sum[0] += radiance[0], sum[1] += radiance[1], sum[2] += radiance[2];
+        if (last)
+            for (int c = 0; c < 3; ++c)
+                rgb[c] = as_float(sum[c] * weight);
+        if (per_pixel > block.count)
+            for (int c = 0; c < 3; ++c)
+                pixel_sum_[c] = last ? 0 : sum[c];
+        if (budget_spent_)
+            count_truncated(block, sample, last);
+        if (job_.truncated != nullptr)
+            collect_lost(block, sample, last ? job_.truncated + pixel : nullptr, weight);
+        sample += block.count;
     });
+    budget_spent_ = budget_spent_ && !last;
+}
+
+inline void TileTracer::count_truncated(const Block& block, std::size_t sample, bool last) {
+    for (std::uint64_t i = 0; i < block.count; ++i)
+        pixel_truncated_ |= rays_of_[sample + i] > rays_per_sample_max;
+    if (!last)
+        return;
+    result_.counts.truncated_pixels += pixel_truncated_;
+    pixel_truncated_ = false;
+}
+
+/// Of a pixel's samples; `to`: its place, with its last ones.
+inline void TileTracer::collect_lost(const Block& block, std::size_t sample, float* to,
+                                     double weight) {
+    for (std::uint64_t i = 0; i < block.count; ++i)
+        for (std::size_t c = 0; c < 3; ++c)
+            pixel_lost_[c] += lost_[3 * (sample + i) + c];
+    if (to == nullptr)
+        return;
+    *to = as_float(*std::max_element(pixel_lost_, pixel_lost_ + 3) * weight);
+    std::fill(pixel_lost_, pixel_lost_ + 3, 0.0);
 }
 
 /// Where the camera's rays meet nothing.
@@ -113,10 +138,40 @@ inline void TileTracer::see_background() {
 }
 
 /// Raja's samples: a pixel's centre, or a regular grid, column by column. FORMAT.md, section 5.
-inline void TileTracer::start_wave(const Block& block) {
+inline void TileTracer::place_samples(const Block& block) {
     const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
     const double dx = 1.0 / static_cast<double>(n * job_.picture_width);
     const double dy = 1.0 / static_cast<double>(n * job_.picture_height);
+    double pixel_x[block_side_max], pixel_y[block_side_max];
+    const auto place = [&](std::uint32_t pixel, std::uint32_t size, double step) {
+        const auto edge = static_cast<double>(pixel);
+        return job_.aa == 0 ? (edge + 0.5) / size : 0.5 * step + edge / size;
+    };
+    for (std::uint32_t i = 0; i < block.width; ++i)
+        pixel_x[i] = place(job_.x + block.x + i, job_.picture_width, dx);
+    for (std::uint32_t i = 0; i < block.height; ++i)
+        pixel_y[i] = place(job_.y + block.y + i, job_.picture_height, dy);
+    const std::size_t samples = rays_of_.size();
+    sample_x_.resize(samples + lanes), sample_y_.resize(samples + lanes);
+    double *x = sample_x_.data(), *y = sample_y_.data();
+    for_each_pixel(block, [&](std::uint32_t column, std::uint32_t row) {
+        const double left = pixel_x[column - block.x], top = pixel_y[row - block.y];
+        if (job_.aa == 0) {
+            *x++ = left, *y++ = top;
+            return;
+        }
+        std::uint64_t kx = block.first / n, ky = block.first % n;
+        for (std::uint64_t i = 0; i < block.count; ++i) {
+            *x++ = left + static_cast<double>(kx) * dx;
+            *y++ = top + static_cast<double>(ky) * dy;
+            if (++ky == n)
+                ky = 0, ++kx;
+        }
+    });
+    std::fill(x, x + lanes, 0.5), std::fill(y, y + lanes, 0.5); // in lanes that are not used
+}
+
+inline void TileTracer::start_wave(const Block& block) {
     const std::size_t samples = rays_of_.size();
     // A camera outside of every leaf is outside of every surface where these are the same.
     sides_are_known_ = tables_.camera_is_outside && tables_.leaf_is_surface;
@@ -124,28 +179,11 @@ inline void TileTracer::start_wave(const Block& block) {
         walker_.look_at_all();
     wave_.depth = job_.depth;
     wave_.rays.reserve(samples);
-    Wide x{}, y{};
-    std::size_t sample = 0;
-    for_each_pixel(block, [&](std::uint32_t column, std::uint32_t row) {
-        const double left = static_cast<double>(job_.x + column);
-        const double top = static_cast<double>(job_.y + row);
-        const double pixel_x =
-            job_.aa == 0 ? (left + 0.5) / job_.picture_width : 0.5 * dx + left / job_.picture_width;
-        const double pixel_y =
-            job_.aa == 0 ? (top + 0.5) / job_.picture_height : 0.5 * dy + top / job_.picture_height;
-        std::uint64_t kx = block.first / n, ky = block.first % n;
-        for (std::uint64_t i = 0; i < block.count; ++i, ++sample) {
-            const std::size_t lane = sample % lanes;
-            x[lane] = job_.aa == 0 ? pixel_x : pixel_x + static_cast<double>(kx) * dx;
-            y[lane] = job_.aa == 0 ? pixel_y : pixel_y + static_cast<double>(ky) * dy;
-            if (++ky == n)
-                ky = 0, ++kx;
-            wave_.rays.samples()[wave_.rays.add()] = static_cast<std::uint32_t>(sample);
-            ++rays_of_[sample];
-            if (lane == lanes - 1 || sample + 1 == samples)
-                camera_rays(x, y, sample - lane);
-        }
-    });
+    wave_.rays.resize(samples);
+    std::iota(wave_.rays.samples(), wave_.rays.samples() + samples, 0u);
+    place_samples(block);
+    for (std::size_t i = 0; i < samples; i += lanes)
+        camera_rays(load(sample_x_.data() + i), load(sample_y_.data() + i), i);
     wave_.rays.pad();
     result_.counts.camera += samples;
     if (view_ == View::everything)

@@ -216,10 +216,20 @@ struct TileResult {
     std::uint32_t overlapping_count = 0;
 };
 
+/// Rays to be traced for measuring: columns, padded to a multiple of 16.
+struct RayBatch {
+    std::size_t count;
+    const double *origin[3], *dir[3];
+    double* t;             ///< the limit, then the hit
+    std::int64_t* surface; ///< that they start on; then that they hit (0 for any hit), or none
+    bool any_hit;          ///< as shadow rays
+};
+
 /// An instruction set's kernel.
 struct KernelEntry {
     const char* isa;
     TileResult (*render_tile)(const Tables&, const TileJob&, const TileControl&);
+    void (*find_hits)(const Tables&, const RayBatch&);
 };
 
 /// Rays that one sample may cost: with `exact`, glass and a great depth it would never end. What is

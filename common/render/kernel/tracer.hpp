@@ -23,6 +23,7 @@ namespace {
 
 /// Samples whose camera rays make a wave.
 constexpr std::uint32_t block_samples_max = 1024;
+constexpr std::uint32_t block_side_max = 32; ///< pixels
 /// A wave of more rays is split: by samples, or the rays of one sample that has as many.
 constexpr std::size_t wave_rays_max = 32768;
 /// Hits that are shaded together: of one material, they look for what is in the light's way once.
@@ -63,8 +64,12 @@ private:
     // samples.hpp
     void draw_block(const Block& block);
     void see_background();
+    void place_samples(const Block& block);
     void start_wave(const Block& block);
     void camera_rays(const Wide x, const Wide y, std::size_t at);
+    void collect(const Block& block);
+    void count_truncated(const Block& block, std::size_t sample, bool last);
+    void collect_lost(const Block& block, std::size_t sample, float* to, double weight);
     void follow_waves();
     void follow_wave();
     void sort_by_direction();
@@ -175,11 +180,13 @@ private:
     std::vector<double> radiance_; ///< red, green, blue
     std::vector<double> lost_;     ///< weight of rays not followed, likewise; empty if not wanted
     std::vector<std::uint32_t> rays_of_;
+    std::vector<double> sample_x_, sample_y_; ///< on the screen, from 0 to 1
 
     std::vector<Incidence> batch_;
     // Of a pixel whose samples are in several blocks.
     double pixel_sum_[3] = {}, pixel_lost_[3] = {};
     bool pixel_truncated_ = false;
+    bool budget_spent_ = false; ///< of a sample of the pixels at work
     std::uint64_t unreported_ = 0;
     TileResult result_;
 };

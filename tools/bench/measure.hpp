@@ -1,0 +1,82 @@
+// What the benchmarks measure with.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <linux/perf_event.h>
+#include <string>
+#include <sys/ioctl.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+namespace fraja {
+
+[[noreturn]] inline void fail(const std::string& why) {
+    std::fprintf(stderr, "%s\n", why.c_str());
+    std::exit(2);
+}
+
+/// This thread's time in user mode.
+inline double user_seconds() {
+    timespec t{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// Cycles per second, from additions that wait for each other, one cycle each.
+inline double measured_clock_rate() {
+    double best = 0;
+    for (int round = 0; round < 5; ++round) {
+        constexpr std::uint64_t additions = 20'000'000;
+        std::uint64_t x = 1;
+        const double begin = user_seconds();
+        for (std::uint64_t i = 0; i < additions; i += 8)
+            for (int k = 0; k < 8; ++k) {
+                x += i;
+                __asm__ volatile("" : "+r"(x));
+            }
+        best = std::max(best, static_cast<double>(additions) / (user_seconds() - begin));
+    }
+    return best;
+}
+
+/// The processor's counter of user-mode cycles, where the machine has one.
+class CycleCounter {
+public:
+    CycleCounter() {
+        perf_event_attr attr{};
+        attr.type = PERF_TYPE_HARDWARE;
+        attr.size = sizeof attr;
+        attr.config = PERF_COUNT_HW_CPU_CYCLES;
+        attr.exclude_kernel = attr.exclude_hv = 1;
+        fd_ = static_cast<int>(syscall(SYS_perf_event_open, &attr, 0, -1, -1, 0));
+        if (fd_ < 0)
+            clock_rate_ = measured_clock_rate();
+    }
+    ~CycleCounter() {
+        if (fd_ >= 0)
+            close(fd_);
+    }
+    CycleCounter(const CycleCounter&) = delete;
+    CycleCounter& operator=(const CycleCounter&) = delete;
+
+    [[nodiscard]] bool counts() const { return fd_ >= 0; }
+    [[nodiscard]] double clock_rate() const { return clock_rate_; }
+    [[nodiscard]] double now() const {
+        if (fd_ < 0)
+            return user_seconds() * clock_rate_;
+        std::uint64_t cycles = 0;
+        if (read(fd_, &cycles, sizeof cycles) != sizeof cycles)
+            fail("cannot read the cycle counter");
+        return static_cast<double>(cycles);
+    }
+
+private:
+    int fd_ = -1;
+    double clock_rate_ = 0;
+};
+
+} // namespace fraja
