@@ -4,6 +4,7 @@
 #include "common/render/kernel/tracer.hpp"
 
 #include <algorithm>
+#include <numeric>
 
 namespace fraja::kernel {
 namespace {
@@ -110,6 +111,11 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             bits[w] = load(rays.inside(w) + at);
         const WideInt filler = load(rays.fillers() + at);
+        if (tables_.leaf_is_surface && !any(filler != all_lanes(std::int64_t{none}))) {
+            enter_from_outside(at, std::min<std::size_t>(lanes, used - g * lanes), packet.rays[g],
+                               packet.t[g], packet.surface[g]);
+            continue;
+        }
         const Walker::Found found = walker_.first_change(packet.rays[g], filler, packet.t[g]);
         if (const Mask lost = (filler == all_lanes(std::int64_t{unresolved})) & (found.leaf >= 0);
             any(lost))
@@ -132,6 +138,20 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
         }
     }
     meet_spheres(i, packet);
+}
+
+/// Of rays outside of everything, which is outside of every surface: no bits change.
+inline void TileTracer::enter_from_outside(std::size_t at, std::size_t used, const WideRays& rays,
+                                           Wide limit, WideInt& sphere) {
+    const Walker::Found found = walker_.first_entry(rays, limit);
+    for (std::size_t lane = 0; lane < used; ++lane) {
+        const std::int64_t surface = found.surface[lane];
+        keys_[at + lane] = surface < 0 ? miss_key() : tables_.entry_keys[surface];
+        if (surface < 0)
+            continue;
+        sphere[lane] = none; // it is behind the surface
+        sides_[at + lane] = {none, tables_.leaf_of_surface[surface]};
+    }
 }
 
 /// What fills the space on both sides of a hit. `before`: the leaves just before it.
@@ -177,27 +197,41 @@ inline std::uint64_t TileTracer::crossed(std::size_t ray, std::int64_t surface, 
     return word;
 }
 
-/// By key, of one key by ray. Counting costs a step for each key there is, which may be many more
-/// than rays.
+/// By key; of one key, hits on spheres that stand apart by where in the hierarchy these are, so
+/// that neighbours lie together and their shadow and mirror rays meet the same boxes; else by ray.
 inline void TileTracer::sort_hits() {
     const std::size_t n = wave_.rays.size();
     order_.resize(n);
-    if (key_begin_.size() > 4 * n) {
-        key_and_ray_.resize(n);
-        for (std::size_t i = 0; i < n; ++i)
-            key_and_ray_[i] = std::uint64_t{keys_[i]} << 32 | i;
-        std::sort(key_and_ray_.begin(), key_and_ray_.end());
-        for (std::size_t i = 0; i < n; ++i)
-            order_[i] = static_cast<std::uint32_t>(key_and_ray_[i]);
+    std::iota(order_.begin(), order_.end(), 0u);
+    if (tables_.bvh)
+        sort_stably(sphere_places, [&](std::uint32_t ray) {
+            if (keys_[ray] < patch_keys() || keys_[ray] == miss_key())
+                return 0u;
+            return static_cast<std::uint32_t>(std::uint64_t{spheres_met_[ray]} * sphere_places /
+                                              tables_.bvh_sphere_count);
+        });
+    const std::size_t keys = std::size_t{miss_key()} + 1;
+    if (keys <= 4 * n) {
+        sort_stably(keys, [&](std::uint32_t ray) { return keys_[ray]; });
         return;
     }
-    std::fill(key_begin_.begin(), key_begin_.end(), 0u);
-    for (std::size_t i = 0; i < n; ++i)
-        ++key_begin_[keys_[i] + 1];
-    for (std::size_t k = 1; k < key_begin_.size(); ++k)
-        key_begin_[k] += key_begin_[k - 1];
-    for (std::size_t i = 0; i < n; ++i)
-        order_[key_begin_[keys_[i]]++] = static_cast<std::uint32_t>(i);
+    // Counting costs a step for each key there is, which may be many more than rays.
+    std::stable_sort(order_.begin(), order_.end(),
+                     [&](std::uint32_t a, std::uint32_t b) { return keys_[a] < keys_[b]; });
+}
+
+/// Sorts `order_` by number_of(ray), less than `numbers`.
+template <class F>
+inline void TileTracer::sort_stably(std::size_t numbers, F&& number_of) {
+    number_begin_.assign(numbers + 1, 0u);
+    for (const std::uint32_t ray : order_)
+        ++number_begin_[number_of(ray) + 1];
+    for (std::size_t k = 1; k < number_begin_.size(); ++k)
+        number_begin_[k] += number_begin_[k - 1];
+    sorted_.resize(order_.size());
+    for (const std::uint32_t ray : order_)
+        sorted_[number_begin_[number_of(ray)]++] = ray;
+    std::swap(order_, sorted_);
 }
 
 } // namespace

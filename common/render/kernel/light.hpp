@@ -34,7 +34,7 @@ struct TileTracer::Incidence {
 inline TileTracer::TileTracer(const Tables& tables, const TileJob& job, const TileControl& control)
     : tables_(tables), job_(job), control_(control), walker_(tables),
       spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
-      key_begin_(std::size_t{miss_key()} + 2), batch_(batch_rays / lanes) {}
+      batch_(batch_rays / lanes) {}
 
 inline void TileTracer::shade() {
     next_.reserve(2 * wave_.rays.size());
@@ -256,7 +256,8 @@ inline void TileTracer::cast_shadows(const Incidence* at, std::size_t groups, Pa
         if (tables_.stateful)
             filler = gather(wave_.rays.fillers(), at[g].group.index);
         count += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
-        if (!tables_.stateful) {
+        const Mask inside = lit[g] & (filler != all_lanes(std::int64_t{none}));
+        if (!tables_.stateful || (tables_.leaf_is_surface && !any(inside))) {
             lit[g] &= ~walker_.meets_anything(shadows.rays[g], lit[g], shadows.t[g]);
         } else {
             for (std::uint32_t w = 0; w < tables_.surface_words; ++w)

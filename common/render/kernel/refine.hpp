@@ -36,8 +36,15 @@ FRAJA_WIDE Wide2 exact(double x) {
 FRAJA_WIDE Wide2 exact(const double (&x)[2]) {
     return {all_lanes(x[0]), all_lanes(x[1])};
 }
+/// origin + t * dir, as if computed with twice the digits.
+FRAJA_WIDE Wide point_at(Wide origin, Wide dir, Wide2 t) {
+    const Wide2 way = two_product(t.high, dir);
+    const Wide2 sum = two_sum(origin, way.high);
+    return sum.high + (sum.low + (way.low + t.low * dir));
+}
 FRAJA_WIDE Wide3 point_at(Wide3 origin, Wide3 dir, Wide2 t) {
-    return rounded(exactly(origin) + t * dir);
+    return {point_at(origin.x, dir.x, t), point_at(origin.y, dir.y, t),
+            point_at(origin.z, dir.z, t)};
 }
 FRAJA_WIDE Wide time_of(Wide2 t) {
     return greater(rounded(t), Wide{});
@@ -100,7 +107,7 @@ FRAJA_WIDE WideHit hit_on(const WideSphere& s, Wide3 origin, Wide3 dir, Crossing
     const Wide t = signed_half - a.middle;
     const Wide3 normal = normalized(a.nearest + signed_half * dir);
     WideHit hit{greater(t, Wide{}), center + r * normal, normal};
-    const Mask near = (t < r) & ~crossing.on_surface;
+    const Mask near = (2 * t < r) & ~crossing.on_surface;
     if (any(near)) {
         const WideHit exact = near_hit_on(s, origin, dir, crossing);
         hit = {select(near, exact.t, hit.t), select(near, exact.place, hit.place),
@@ -115,7 +122,8 @@ FRAJA_WIDE WideHit hit_on(const SphereSurface& s, Wide3 origin, Wide3 dir, Cross
 
 FRAJA_WIDE WideHit hit_on(const PlaneSurface& s, Wide3 origin, Wide3 dir, Crossing) {
     const Wide3 direction = all_lanes3(s.direction);
-    const Wide2 t = dot(difference(all_lanes3(s.point), origin), direction) / dot2(direction, dir);
+    const Wide2 t = compensated_dot(difference(all_lanes3(s.point), origin), direction) /
+                    compensated_dot(exactly(dir), direction);
     return {time_of(t), point_at(origin, dir, t), all_lanes3(s.normal)};
 }
 

@@ -28,6 +28,8 @@ constexpr std::uint32_t block_side_max = 32; ///< pixels
 constexpr std::size_t wave_rays_max = 32768;
 /// Hits that are shaded together: of one material, they look for what is in the light's way once.
 constexpr std::size_t batch_rays = 128;
+/// Parts of the hierarchy by which hits are sorted.
+constexpr std::size_t sphere_places = 1024;
 /// Rays between two questions whether to go on.
 constexpr std::size_t rays_per_report = 1024;
 
@@ -84,12 +86,16 @@ private:
     void trace();
     void trace_stateful(std::size_t i, Packet& packet);
     void trace_stateless(std::size_t i, Packet& packet);
+    void enter_from_outside(std::size_t at, std::size_t used, const WideRays& rays, Wide limit,
+                            WideInt& sphere);
     void meet_spheres(std::size_t i, const Packet& packet);
     [[nodiscard]] std::uint32_t key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
                                        bool outwards) const;
     void fill(std::size_t ray, LaneSet before, std::int64_t leaf, std::int64_t surface);
     [[nodiscard]] std::uint64_t crossed(std::size_t ray, std::int64_t surface, std::uint32_t w);
     void sort_hits();
+    template <class F>
+    void sort_stably(std::size_t numbers, F&& number_of);
 
     // light.hpp
     /// Which hits a number stands for, and the order in which they are shaded: those on patches (by
@@ -173,8 +179,7 @@ private:
     std::vector<Sides> sides_;               ///< none without state
     std::vector<std::uint32_t> spheres_met_; ///< that stand apart
     std::vector<std::uint32_t> order_;       ///< the rays, by key
-    std::vector<std::uint32_t> key_begin_;
-    std::vector<std::uint64_t> key_and_ray_; ///< where there are more keys than rays
+    std::vector<std::uint32_t> sorted_, number_begin_;
 
     // Of each sample of the block.
     std::vector<double> radiance_; ///< red, green, blue

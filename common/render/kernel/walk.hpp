@@ -108,7 +108,8 @@ class Walker {
 public:
     explicit Walker(const Tables& tables)
         : tables_(tables), first_(tables.surface_count), second_(tables.surface_count),
-          inside_(tables.surface_count), bits_(tables.surface_words), leaves_(tables.leaf_words) {
+          inside_(tables.surface_count), bits_(tables.surface_words), leaves_(tables.leaf_words),
+          shown_(tables.leaf_words) {
         look_at_all();
     }
 
@@ -174,6 +175,7 @@ private:
 
     template <class Surface>
     void keep_sided_crossings(const Surface& surface, std::int64_t index, const WideRays& rays);
+    void find_shown(WideInt filler);
     Mask holds(const Node& node, const WideInt* bits);
     Moment next_time_of_part(const Node& node, bool wanted, Moment from);
     void consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates, WideInt filler);
@@ -187,6 +189,7 @@ private:
     std::vector<Mask> inside_;
     std::vector<WideInt> bits_;
     std::vector<WideInt> leaves_;
+    std::vector<WideInt> shown_; ///< by word of leaves, where the rays of first_change() start
 
     // What is looked at: surfaces, by kind, and composite leaves.
     std::vector<std::uint32_t> in_view_[surface_kinds];
@@ -429,14 +432,27 @@ FRAJA_WIDE Mask Walker::shows_in(std::int64_t filler, WideInt leaves) const {
     return shows;
 }
 
+/// Fills shown_: the leaves that show when entered where that filler fills the space. Outside, all.
+FRAJA_WIDE void Walker::find_shown(WideInt filler) {
+    for (std::uint32_t w = 0; w < tables_.leaf_words; ++w)
+        for (int lane = 0; lane < lanes; ++lane) {
+            const std::int64_t f = filler[lane];
+            shown_[w][lane] =
+                f < 0 ? (f == none ? -1 : 0)
+                      : static_cast<std::int64_t>(
+                            tables_.shows_in[static_cast<std::size_t>(f) * tables_.leaf_words + w]);
+        }
+}
+
 Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide limit) {
-    const Mask outside = filler == all_lanes(std::int64_t{none});
     const Mask lost = filler == all_lanes(std::int64_t{unresolved}); // any change will tell
-    const bool all_outside = !any(~outside);
+    const bool all_outside = !any(filler != all_lanes(std::int64_t{none}));
     const WideInt nothing = all_lanes(std::int64_t{none});
     Found found{limit, nothing, nothing};
+    if (!all_outside)
+        find_shown(filler);
     const auto may_show = [&](std::int64_t leaf) {
-        return all_outside ? ~Mask{} : outside | shows_in(filler, leaf);
+        return all_outside ? ~Mask{} : bit_at(shown_.data(), leaf);
     };
     for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
         const auto s = static_cast<std::size_t>(index);

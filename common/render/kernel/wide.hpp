@@ -257,7 +257,7 @@ FRAJA_WIDE Wide2 compensated_dot(Wide32 a, Wide3 b) {
     const Wide2 xyz = two_sum(xy.high, z.high);
     const Wide errors = ((x.low + y.low) + z.low) + (xy.low + xyz.low);
     const Wide lows = (a.x.low * b.x + a.y.low * b.y) + a.z.low * b.z;
-    return {xyz.high, errors + lows};
+    return two_sum(xyz.high, errors + lows);
 }
 /// |v|^2 - 1 of a vector whose length is 1 but for rounding, with most of its digits.
 FRAJA_WIDE Wide excess_over_one(Wide3 v) {
