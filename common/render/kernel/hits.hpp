@@ -123,7 +123,7 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
         walker_.settle(found, (found.leaf >= 0) | (packet.surface[g] >= 0));
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             store(rays.inside(w) + at, bits[w]);
-        const WideInt* const leaves = walker_.find_leaves();
+        const WideInt* leaves = nullptr; // just before the hits, once they are asked for
         for (std::size_t lane = 0; lane < std::min<std::size_t>(lanes, used - g * lanes); ++lane) {
             const auto l = static_cast<int>(lane);
             keys_[at + lane] = miss_key();
@@ -134,6 +134,14 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
             const bool leaving = found.leaf[l] == filler[l];
             const bool outwards = (bits[surface >> 6][l] >> (surface & 63) & 1) != 0;
             keys_[at + lane] = key_of(surface, found.leaf[l], leaving, outwards);
+            // From outside into one leaf, nothing else matters.
+            if (!leaving && filler[l] == none &&
+                (tables_.all_relations || !tables_.shared_surfaces)) {
+                sides_[at + lane] = {none, static_cast<std::int32_t>(found.leaf[l])};
+                continue;
+            }
+            if (!leaves)
+                leaves = walker_.find_leaves();
             fill(at + lane, LaneSet(leaves, l), found.leaf[l], surface);
         }
     }
@@ -160,10 +168,6 @@ inline void TileTracer::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
     std::int64_t& filler = wave_.rays.fillers()[ray];
     const bool leaving = leaf == filler;
     Sides& sides = sides_[ray];
-    if (!leaving && filler == none && tables_.all_relations) {
-        sides = {none, static_cast<std::int32_t>(leaf)};
-        return;
-    }
     const auto leaf_word = static_cast<std::uint32_t>(leaf >> 6);
     const std::uint64_t leaf_bit = std::uint64_t{1} << (leaf & 63);
     const auto after = [&](std::uint32_t w) {

@@ -467,8 +467,10 @@ Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide li
     const Moment start = before_start();
     for (const std::int64_t leaf : composites_in_view_) {
         const Node& root = tables_.leaves[leaf].root;
-        const Moment entry = next_time(root, true, start);
-        consider(found, entry, leaf, (may_show(leaf) | lost) & (entry.surface != nothing), filler);
+        if (const Mask enters = may_show(leaf) | lost; any(enters)) {
+            const Moment entry = next_time(root, true, start);
+            consider(found, entry, leaf, enters & (entry.surface != nothing), filler);
+        }
         const Mask within = (filler == all_lanes(leaf)) | lost;
         if (any(within)) {
             const Moment end = next_time(root, false, start);
