@@ -9,13 +9,14 @@
 namespace fraja::kernel {
 namespace {
 
+/// Spheres tested one by one.
 constexpr std::uint32_t leaf_spheres_max = 4;
 constexpr std::size_t bins = 16;
 /// Below so many levels halves are split, not areas: spheres can be placed so that each split by
 /// area parts off one. 2^32 spheres make 32 levels more.
 constexpr std::uint32_t area_levels_max = bvh_levels_max - 32;
-/// What a step through a node costs, in tests of a sphere.
-constexpr double node_cost = 1.0;
+/// What a step through a node of eight boxes costs, in tests of a sphere.
+constexpr double node_cost = 3;
 
 struct Box {
     std::array<double, 3> low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
@@ -46,7 +47,7 @@ Box box_of(const SphereSurface& s) {
 struct Binary {
     Box box;
     std::uint32_t begin = 0, count = 0; ///< spheres in order
-    std::uint32_t left = 0, right = 0;  ///< 0: a leaf
+    std::uint32_t left = 0, right = 0;  ///< 0: one sphere
     std::uint32_t level = 0;
 };
 
@@ -62,8 +63,9 @@ public:
             return std::move(bvh_);
         binary_.reserve(spheres_.size());
         divide(add(0, static_cast<std::uint32_t>(spheres_.size())));
+        find_cuts();
         bvh_.nodes.emplace_back();
-        widen(0, 0);
+        widen();
         return std::move(bvh_);
     }
 
@@ -98,7 +100,7 @@ private:
         }
     }
 
-    /// Reorders the spheres of a node; how many go left. 0: it stays a leaf.
+    /// Reorders the spheres of a node; how many go left. 0: it is one sphere.
     std::uint32_t split(std::uint32_t index) {
         const Binary& node = binary_[index];
         if (node.count <= 1)
@@ -112,12 +114,12 @@ private:
                 axis = c;
         const double low = centers.low[axis], extent = centers.high[axis] - low;
         if (!(extent > 0) || !std::isfinite(extent) || node.level >= area_levels_max)
-            return node.count <= leaf_spheres_max ? 0 : node.count / 2;
+            return node.count / 2;
 
         const double scale = static_cast<double>(bins) / extent;
         if (!std::isfinite(scale) ||
             !std::isfinite(node.box.half_area())) // absurdly small, or great
-            return node.count <= leaf_spheres_max ? 0 : node.count / 2;
+            return node.count / 2;
         const auto bin_of = [&](std::uint32_t nth) {
             const auto b = static_cast<std::size_t>((center(nth, axis) - low) * scale);
             return std::min(b, bins - 1);
@@ -148,9 +150,6 @@ private:
             if (left_count > 0 && left_count < node.count && cost < best_cost)
                 best = b, best_cost = cost, best_count = left_count;
         }
-        const double area = node.box.half_area();
-        if (node.count <= leaf_spheres_max && node_cost * area + best_cost >= area * node.count)
-            return 0;
         const auto first = bvh_.order.begin() + node.begin;
         std::stable_partition(first, first + node.count, [&](std::uint32_t sphere) {
             const auto b = static_cast<std::size_t>((spheres_[sphere].center[axis] - low) * scale);
@@ -159,35 +158,79 @@ private:
         return best_count;
     }
 
-    /// Makes the wide node of a binary one: its largest descendants, opened until there are eight.
-    void widen(std::uint32_t from, std::uint32_t to) {
+    /// How a subtree is best cut into at most n parts, each a leaf or a wide node.
+    struct Cut {
+        std::array<double, bvh_width> cost{};           ///< [n - 1]
+        std::array<std::uint8_t, bvh_width + 1> left{}; ///< [n]: parts of the left child; 0: n - 1
+        bool leaf = true;                               ///< as one part: else a wide node
+    };
+
+    /// By cost, surface areas times steps: H. Ylitie, T. Karras, S. Laine, "Efficient Incoherent
+    /// Ray Traversal on GPUs Through Compressed Wide BVHs" (2017), section 3.2.
+    void find_cuts() {
+        cuts_.resize(binary_.size());
+        for (std::size_t i = binary_.size(); i-- > 0;) { // children come after their parents
+            const Binary& node = binary_[i];
+            Cut& cut = cuts_[i];
+            const double area = node.box.half_area();
+            const double leaf_cost = node.count <= leaf_spheres_max
+                                         ? area * node.count
+                                         : std::numeric_limits<double>::infinity();
+            if (node.left == 0) {
+                cut.cost.fill(leaf_cost);
+                continue;
+            }
+            std::array<double, bvh_width + 1> divided; // into n parts at most, one each side
+            for (std::size_t n = 2; n <= bvh_width; ++n) {
+                divided[n] = std::numeric_limits<double>::infinity();
+                for (std::size_t k = 1; k < n; ++k) {
+                    const double cost =
+                        cuts_[node.left].cost[k - 1] + cuts_[node.right].cost[n - k - 1];
+                    if (cost < divided[n])
+                        divided[n] = cost, cut.left[n] = static_cast<std::uint8_t>(k);
+                }
+            }
+            const double node_of_its_own = node_cost * area + divided[bvh_width];
+            cut.leaf = leaf_cost <= node_of_its_own;
+            cut.cost[0] = std::min(leaf_cost, node_of_its_own);
+            for (std::size_t n = 2; n < bvh_width; ++n) {
+                const bool fewer = cut.cost[n - 2] <= divided[n];
+                cut.cost[n - 1] = fewer ? cut.cost[n - 2] : divided[n];
+                if (fewer)
+                    cut.left[n] = 0;
+            }
+        }
+    }
+
+    /// The parts of a subtree cut into `n` at most.
+    void add_parts(std::uint32_t index, std::size_t n, std::vector<std::uint32_t>& parts) const {
+        const Cut& cut = cuts_[index];
+        while (n > 1 && n < bvh_width && cut.left[n] == 0)
+            --n;
+        if (n == 1 || binary_[index].left == 0) {
+            parts.push_back(index);
+            return;
+        }
+        add_parts(binary_[index].left, cut.left[n], parts);
+        add_parts(binary_[index].right, n - cut.left[n], parts);
+    }
+
+    void widen() {
         struct Open {
             std::uint32_t from, to;
         };
-        std::vector<Open> open{{from, to}};
+        std::vector<Open> open{{0, 0}};
+        std::vector<std::uint32_t> children;
         while (!open.empty()) {
             const Open at = open.back();
             open.pop_back();
-            std::vector<std::uint32_t> children{at.from};
-            for (;;) {
-                std::size_t largest = children.size();
-                double area = -1;
-                for (std::size_t i = 0; i < children.size(); ++i) {
-                    const Binary& child = binary_[children[i]];
-                    if (child.left != 0 && child.box.half_area() > area)
-                        largest = i, area = child.box.half_area();
-                }
-                if (largest == children.size() || children.size() == bvh_width)
-                    break;
-                const Binary& opened = binary_[children[largest]];
-                children[largest] = opened.left;
-                children.push_back(opened.right);
-            }
+            children.clear();
+            add_parts(at.from, bvh_width, children);
             BvhNode node = empty_node();
             for (std::size_t i = 0; i < children.size(); ++i) {
                 const Binary& child = binary_[children[i]];
                 set_box(node, i, child.box);
-                if (child.left == 0) {
+                if (cuts_[children[i]].leaf) {
                     node.child[i] =
                         ~static_cast<std::int32_t>(child.begin << 3 | (child.count - 1));
                     continue;
@@ -224,6 +267,7 @@ private:
 
     const std::vector<SphereSurface>& spheres_;
     std::vector<Binary> binary_;
+    std::vector<Cut> cuts_; ///< by binary node
     Bvh bvh_;
 };
 

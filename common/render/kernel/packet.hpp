@@ -147,6 +147,8 @@ private:
     [[nodiscard]] Boxes boxes_met(const BvhNode& node, float limit) const;
     void rays_meeting(const BvhNode& node, unsigned rays, unsigned candidates,
                       unsigned (&met)[bvh_width]);
+    [[nodiscard]] Boxes boxes_met_by(const BvhNode& node, unsigned rays,
+                                     unsigned (&met)[bvh_width]);
     [[nodiscard]] float farthest_limit() const;
     template <bool any_hit>
     bool traverse_alone(Packet& packet, unsigned ray, std::int32_t child);
@@ -336,6 +338,7 @@ public:
     [[nodiscard]] bool empty() const { return top_ == 0; }
     [[nodiscard]] int size() const { return top_; }
     Entry pop() { return entries_[--top_]; }
+    void push(const Entry& entry) { entries_[top_++] = entry; }
     /// Among those from `bottom` on the nearest is last.
     void push(const Entry& entry, int bottom) {
         int place = top_++;
@@ -371,10 +374,13 @@ bool PacketTracer::traverse_alone(Packet& packet, unsigned ray, std::int32_t chi
         const Boxes met = boxes_met(node, ray);
         float near[bvh_width];
         std::memcpy(near, &met.near, sizeof near);
-        const int bottom = stack.size();
+        [[maybe_unused]] const int bottom = stack.size();
         for (unsigned boxes = met.which; boxes != 0; boxes &= boxes - 1) {
             const auto i = static_cast<std::size_t>(__builtin_ctz(boxes));
-            stack.push({node.child[i], rays, near[i]}, bottom);
+            if constexpr (any_hit) // whichever comes first
+                stack.push({node.child[i], rays, near[i]});
+            else
+                stack.push({node.child[i], rays, near[i]}, bottom);
         }
     }
     return hit;
@@ -396,6 +402,25 @@ FRAJA_WIDE PacketTracer::Boxes PacketTracer::boxes_met(const BvhNode& node, floa
         leave = last < leave ? last : leave;
     }
     return {bits_of_eight(enter <= leave * far_slack), enter};
+}
+
+/// So few are tested one by one at once.
+constexpr int few_rays = 4;
+
+/// The boxes that any of some rays meet, and which of them.
+FRAJA_WIDE PacketTracer::Boxes PacketTracer::boxes_met_by(const BvhNode& node, unsigned rays,
+                                                          unsigned (&met)[bvh_width]) {
+    Boxes all{0, __builtin_inff() - Eight{}};
+    for (; rays != 0; rays &= rays - 1) {
+        const auto ray = static_cast<unsigned>(__builtin_ctz(rays));
+        const Boxes its = boxes_met(node, ray);
+        all.which |= its.which;
+        all.near = its.near < all.near ? its.near : all.near;
+        for (unsigned boxes = its.which; boxes != 0; boxes &= boxes - 1)
+            met[__builtin_ctz(boxes)] |= 1u << ray;
+        box_tests_ += bvh_width;
+    }
+    return all;
 }
 
 /// Of some rays of a node those that meet each of its boxes, as far as these are candidates.
@@ -479,15 +504,24 @@ unsigned PacketTracer::traverse(Packet& packet, unsigned active) {
         }
         const BvhNode& node = tables_.bvh[at.child];
         box_tests_ += bvh_width;
-        const Boxes candidates = boxes_met(node, farthest);
         unsigned met[bvh_width] = {};
-        rays_meeting(node, rays, candidates.which, met);
+        Boxes candidates;
+        if (__builtin_popcount(rays) <= few_rays) {
+            candidates = boxes_met_by(node, rays, met);
+        } else {
+            candidates = boxes_met(node, farthest);
+            rays_meeting(node, rays, candidates.which, met);
+        }
         float near[bvh_width];
         std::memcpy(near, &candidates.near, sizeof near);
-        const int bottom = stack.size();
+        [[maybe_unused]] const int bottom = stack.size();
         for (unsigned boxes = candidates.which; boxes != 0; boxes &= boxes - 1) {
             const auto i = static_cast<std::size_t>(__builtin_ctz(boxes));
-            if (met[i] != 0)
+            if (met[i] == 0)
+                continue;
+            if constexpr (any_hit)
+                stack.push({node.child[i], met[i], near[i]});
+            else
                 stack.push({node.child[i], met[i], near[i]}, bottom);
         }
     }
