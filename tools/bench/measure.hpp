@@ -46,14 +46,15 @@ inline double measured_clock_rate() {
 /// The processor's counter of user-mode cycles, where the machine has one.
 class CycleCounter {
 public:
-    CycleCounter() {
+    /// Of this thread. Without a counter, `clock_rate` is taken for what it is, 0: to be measured.
+    explicit CycleCounter(double clock_rate = 0) : clock_rate_(clock_rate) {
         perf_event_attr attr{};
         attr.type = PERF_TYPE_HARDWARE;
         attr.size = sizeof attr;
         attr.config = PERF_COUNT_HW_CPU_CYCLES;
         attr.exclude_kernel = attr.exclude_hv = 1;
         fd_ = static_cast<int>(syscall(SYS_perf_event_open, &attr, 0, -1, -1, 0));
-        if (fd_ < 0)
+        if (fd_ < 0 && clock_rate_ == 0)
             clock_rate_ = measured_clock_rate();
     }
     ~CycleCounter() {
