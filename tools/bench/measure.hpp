@@ -33,11 +33,14 @@ inline double measured_clock_rate() {
         constexpr std::uint64_t additions = 20'000'000;
         std::uint64_t x = 1;
         const double begin = user_seconds();
-        for (std::uint64_t i = 0; i < additions; i += 8)
-            for (int k = 0; k < 8; ++k) {
+        for (std::uint64_t i = 0; i < additions; i += 8) {
+            // Written out, so that nothing hangs on how the loop is compiled.
+            const auto add = [&] {
                 x += i;
                 __asm__ volatile("" : "+r"(x));
-            }
+            };
+            add(), add(), add(), add(), add(), add(), add(), add();
+        }
         best = std::max(best, static_cast<double>(additions) / (user_seconds() - begin));
     }
     return best;

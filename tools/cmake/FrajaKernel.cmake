@@ -3,6 +3,10 @@
 # Inline functions of the standard library are weak symbols: of those in several objects the linker keeps one, and it
 # may keep the one with instructions this machine lacks. So each object is closed: all its symbols become local but the
 # kernel's entry (a test looks, kernel_symbols).
+
+# GNU's: the linker that comes with Clang cannot merge groups.
+find_program(FRAJA_GNU_LD NAMES ld.bfd ld REQUIRED)
+
 function(fraja_kernel_object room isa)
     string(REPLACE "-" "_" suffix ${isa})
     set(entry fraja_kernel_${suffix})
@@ -18,7 +22,7 @@ function(fraja_kernel_object room isa)
     target_compile_options(${objects} PRIVATE $<$<NOT:$<CONFIG:Release>>:-O2>)
     set(closed ${CMAKE_CURRENT_BINARY_DIR}/${entry}.o)
     add_custom_command(OUTPUT ${closed}
-        COMMAND ${CMAKE_LINKER} -r --force-group-allocation -o ${closed}.open $<TARGET_OBJECTS:${objects}>
+        COMMAND ${FRAJA_GNU_LD} -r --force-group-allocation -o ${closed}.open $<TARGET_OBJECTS:${objects}>
         COMMAND ${CMAKE_OBJCOPY} --keep-global-symbol=${entry} ${closed}.open ${closed}
         DEPENDS ${objects} $<TARGET_OBJECTS:${objects}>
         COMMENT "Closing the kernel for ${isa}" VERBATIM COMMAND_EXPAND_LISTS)

@@ -18,14 +18,35 @@ extern const fraja::kernel::KernelEntry fraja_kernel_native;
 namespace fraja::kernel {
 namespace {
 
+#if defined(__x86_64__)
+struct Levels {
+    bool v2, v3, v4;
+};
+Levels levels() {
+#if defined(__clang__) // does not know them by name
+    const bool v2 = __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt");
+    const bool v3 = v2 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                    __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+                    __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+                    __builtin_cpu_supports("avx512vl");
+    return {v2, v3, v4};
+#else
+    return {__builtin_cpu_supports("x86-64-v2") != 0, __builtin_cpu_supports("x86-64-v3") != 0,
+            __builtin_cpu_supports("x86-64-v4") != 0};
+#endif
+}
+#endif
+
 std::vector<const KernelEntry*> find_usable() {
 #if defined(__x86_64__)
+    const Levels level = levels();
     std::vector<const KernelEntry*> entries;
-    if (__builtin_cpu_supports("x86-64-v2"))
+    if (level.v2)
         entries.push_back(&fraja_kernel_x86_64_v2);
-    if (__builtin_cpu_supports("x86-64-v3"))
+    if (level.v3)
         entries.push_back(&fraja_kernel_x86_64_v3);
-    if (__builtin_cpu_supports("x86-64-v4"))
+    if (level.v4)
         entries.push_back(&fraja_kernel_x86_64_v4);
     return entries;
 #else

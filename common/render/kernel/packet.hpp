@@ -44,7 +44,7 @@ FRAJA_WIDE Float lesser(Float a, Float b) {
 FRAJA_WIDE Float greater(Float a, Float b) {
     return a > b ? a : b;
 }
-FRAJA_WIDE unsigned bits_of(FloatMask m) {
+FRAJA_WIDE unsigned bits_of_floats(FloatMask m) {
 #if defined(FRAJA_AVX512)
     return _mm512_movepi32_mask(reinterpret_cast<__m512i>(m));
 #elif defined(__AVX2__)
@@ -261,7 +261,7 @@ inline unsigned PacketTracer::meeting_box(const BvhNode& node, std::size_t child
                 greater((low - load_floats(s.near_origin[axis] + g * float_lanes)) * inverse, near);
             far = lesser((high - load_floats(s.far_origin[axis] + g * float_lanes)) * inverse, far);
         }
-        met |= bits_of(near <= far * far_slack) << (g * float_lanes);
+        met |= bits_of_floats(near <= far * far_slack) << (g * float_lanes);
     }
     return met & active;
 }
