@@ -13,6 +13,9 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr std::size_t polyhedron_planes_max = 24;
+/// Sines (of two normals; products of three) below the first are 0 but for rounding. Of those
+/// between both a corner is too inaccurate to count on.
+constexpr double parallel = 1e-15, nearly_parallel = 1e-9;
 
 /// More than rounding can have taken away.
 BoundingSphere widened(BoundingSphere b) {
@@ -74,8 +77,10 @@ bool reaches_infinity(const std::vector<HalfSpace>& halves) {
     for (std::size_t i = 0; i < halves.size(); ++i)
         for (std::size_t j = 0; j < i; ++j) {
             const Vec3 edge = cross(halves[i].normal, halves[j].normal);
-            if (length(edge) < 1e-9)
+            if (length(edge) < parallel)
                 continue;
+            if (length(edge) < nearly_parallel)
+                return true; // as far as is known
             if (recedes(edge) || recedes(-edge))
                 return true;
             for (const HalfSpace& h : halves)
@@ -94,8 +99,10 @@ BoundingSphere around_polyhedron(const std::vector<HalfSpace>& halves) {
                 const HalfSpace &a = halves[i], &b = halves[j], &c = halves[k];
                 const Vec3 bc = cross(b.normal, c.normal);
                 const double det = dot(a.normal, bc);
-                if (std::abs(det) < 1e-9)
+                if (std::abs(det) < parallel)
                     continue;
+                if (std::abs(det) < nearly_parallel)
+                    return {{}, infinity};
                 const Vec3 p = (a.distance * bc + b.distance * cross(c.normal, a.normal) +
                                 c.distance * cross(a.normal, b.normal)) /
                                det;

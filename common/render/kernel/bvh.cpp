@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint32_t leaf_spheres_max = 4;
 constexpr std::size_t bins = 16;
 /// Below so many levels halves are split, not areas: spheres can be placed so that each split by
-/// area parts off one. 2^32 spheres make 32 levels more.
+/// area parts off one. 2^28 spheres make 28 levels more.
 constexpr std::uint32_t area_levels_max = bvh_levels_max - 32;
 /// What a step through a node of eight boxes costs, in tests of a sphere.
 constexpr double node_cost = 3;

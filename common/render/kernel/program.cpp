@@ -408,14 +408,8 @@ std::vector<BoundingSphere> Program::screen() const {
 void Program::find_features() {
     bool enterable = false;
     for (const Patch& patch : patches_) {
-        const Material& in = materials_.table[patch.material_in];
-        const Material& out = materials_.table[patch.material_out];
-        tables_.glass |= in.glass || out.glass;
-        tables_.mirrors |= in.mirror || out.mirror;
-        enterable |= out.glass;
+        enterable |= materials_.table[patch.material_out].glass;
     }
-    for (const std::uint32_t material : bvh_materials_)
-        tables_.mirrors |= materials_.table[material].mirror;
     for (std::uint32_t surface = 0; surface < surfaces_.size(); ++surface) {
         std::set<std::uint32_t> leaves;
         for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)

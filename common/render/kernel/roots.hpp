@@ -45,7 +45,7 @@ struct Roots {
 /// where it is on the other side, the ray has both before it or none, as their middle says.
 FRAJA_WIDE Crossings crossings(const Roots& r, Mask inside, Mask on_surface) {
     const Mask starts_between = ~(inside ^ r.between_is_inside);
-    const Wide leaves = greater(select(r.real, r.high, r.middle_sign * 0), Wide{});
+    const Wide leaves = greater(select(r.real, r.high, Wide{}), Wide{});
     const Mask ahead = r.real & (r.middle_sign > 0) & ~on_surface;
     const Wide first =
         select(starts_between, leaves, select(ahead, greater(r.low, Wide{}), never()));

@@ -121,6 +121,8 @@ bool SolidCollector::collect(const Aggregate& aggregate) {
 
 bool SolidCollector::collect(const BasicSolid& solid, SolidIndex index) {
     if (!is_apart_.empty() && is_apart_[as_size(index)] && named_on_path_ == 0) {
+        if (apart_.size() == limits_.spheres_apart_max)
+            return false;
         const BasicTexturedForm& form = *lone_opaque_sphere(solid);
         apart_.push_back(
             {std::get<Sphere>(scene_.forms[as_size(form.form)]), form.texture_out, index});

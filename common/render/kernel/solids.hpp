@@ -46,7 +46,8 @@ struct SolidLimits {
     std::size_t surfaces = 4096;
     std::size_t leaf_surfaces = 65536; ///< of all leaves together
     // Spheres apart do not count.
-    std::size_t spheres_apart_min = 24; ///< fewer are not worth a hierarchy
+    std::size_t spheres_apart_min = 24;                   ///< fewer are not worth a hierarchy
+    std::size_t spheres_apart_max = std::size_t{1} << 28; ///< as BvhNode can number them
 };
 
 /// The leaves of a scene. Surfaces have numbers of collection.

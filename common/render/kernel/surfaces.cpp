@@ -4,6 +4,7 @@
 #include "common/render/kernel/triples.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <variant>
 
@@ -22,7 +23,25 @@ Vec3 unit(const Vec3& v) {
     return normalized(v / most);
 }
 
+/// Along a coordinate axis, where that is exact, without its part along the axis: the same of all
+/// points that give the same line.
+Vec3 off_axis(const Vec3& p, const Vec3& unit_axis) {
+    for (int c = 0; c < 3; ++c)
+        if (unit_axis[c] == 1)
+            return {c == 0 ? 0 : p.x, c == 1 ? 0 : p.y, c == 2 ? 0 : p.z};
+    return p;
+}
+
 } // namespace
+
+SurfaceCollector::Key SurfaceCollector::key_of(SurfaceKind kind,
+                                               std::initializer_list<double> numbers) {
+    Key key{static_cast<std::uint64_t>(kind)};
+    std::size_t next = 1;
+    for (const double number : numbers)
+        key[next++] = std::bit_cast<std::uint64_t>(number + 0.0); // -0 is 0
+    return key;
+}
 
 template <class Table, class Entry>
 std::uint32_t SurfaceCollector::add(SurfaceKind kind, Table& table, const Key& key,
@@ -43,7 +62,8 @@ Side SurfaceCollector::add(const Sphere& s, bool complement) {
     SphereSurface entry{};
     put(entry.center, s.center - center_);
     entry.radius = std::abs(s.radius);
-    const Key key{0, entry.center[0], entry.center[1], entry.center[2], entry.radius};
+    const Key key = key_of(SurfaceKind::sphere,
+                           {entry.center[0], entry.center[1], entry.center[2], entry.radius});
     return {add(SurfaceKind::sphere, spheres_, key, entry), complement};
 }
 
@@ -57,7 +77,7 @@ Side SurfaceCollector::add(const Plane& s, bool complement) {
     put(entry.point, point);
     entry.distance = dot(normal, point);
     const Vec3 n = canonical(normal);
-    const Key key{1, n.x, n.y, n.z, dot(n, point)};
+    const Key key = key_of(SurfaceKind::plane, {n.x, n.y, n.z, dot(n, point)});
     const std::uint32_t number = add(SurfaceKind::plane, planes_, key, entry);
     const Vec3 known = vec(planes_[order_[number].index].normal);
     return {number, dot(known, normal) < 0};
@@ -72,8 +92,9 @@ Side SurfaceCollector::add(const Cylinder& s, bool complement) {
     const DoubleDouble squared = scaled_length_squared(entry.direction, {1, 0});
     entry.direction_squared[0] = squared.high, entry.direction_squared[1] = squared.low;
     const Vec3 u = canonical(unit(s.direction));
-    const Key key{2,           u.x, u.y, u.z, entry.origin[0], entry.origin[1], entry.origin[2],
-                  entry.radius};
+    const Vec3 foot = off_axis(vec(entry.origin), u);
+    const Key key =
+        key_of(SurfaceKind::cylinder, {u.x, u.y, u.z, foot.x, foot.y, foot.z, entry.radius});
     return {add(SurfaceKind::cylinder, cylinders_, key, entry), complement};
 }
 
@@ -88,7 +109,8 @@ Side SurfaceCollector::add(const Cone& s, bool complement) {
     const DoubleDouble scaled = scaled_length_squared(entry.direction, angle.cosine_squared);
     entry.scaled_cosine[0] = scaled.high, entry.scaled_cosine[1] = scaled.low;
     const Vec3 u = canonical(unit(s.direction));
-    const Key key{3, u.x, u.y, u.z, entry.origin[0], entry.origin[1], entry.origin[2], entry.slope};
+    const Key key = key_of(SurfaceKind::cone, {u.x, u.y, u.z, entry.origin[0], entry.origin[1],
+                                               entry.origin[2], entry.slope});
     return {add(SurfaceKind::cone, cones_, key, entry), complement};
 }
 

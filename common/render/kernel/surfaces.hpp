@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <initializer_list>
 #include <map>
 #include <vector>
 
@@ -46,7 +47,9 @@ public:
     [[nodiscard]] Sorted sorted() const;
 
 private:
-    using Key = std::array<double, 8>;
+    /// Bits of what makes a surface what it is: numbers that are none have an order, too.
+    using Key = std::array<std::uint64_t, 8>;
+    static Key key_of(SurfaceKind kind, std::initializer_list<double> numbers);
     Side add(const Sphere&, bool complement);
     Side add(const Plane&, bool complement);
     Side add(const Cylinder&, bool complement);

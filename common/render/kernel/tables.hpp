@@ -175,7 +175,6 @@ struct Tables {
     /// space they start in. Else every ray is outside every leaf.
     bool stateful;
     bool camera_is_outside; ///< no camera ray starts in a leaf
-    bool glass, mirrors;    ///< some material is
 };
 
 // -------------------------------------------------------------------------------------- the work
