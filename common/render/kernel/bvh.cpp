@@ -100,35 +100,31 @@ private:
         }
     }
 
-    /// Reorders the spheres of a node; how many go left. 0: it is one sphere.
-    std::uint32_t split(std::uint32_t index) {
-        const Binary& node = binary_[index];
-        if (node.count <= 1)
-            return 0;
-        Box centers;
-        for (std::uint32_t i = node.begin; i < node.begin + node.count; ++i)
-            centers.add(point_box({center(i, 0), center(i, 1), center(i, 2)}));
-        std::size_t axis = 0;
-        for (std::size_t c = 1; c < 3; ++c)
-            if (centers.high[c] - centers.low[c] > centers.high[axis] - centers.low[axis])
-                axis = c;
-        const double low = centers.low[axis], extent = centers.high[axis] - low;
-        if (!(extent > 0) || !std::isfinite(extent) || node.level >= area_levels_max)
-            return node.count / 2;
+    /// Where to divide a node: spheres with centres in bins below `bin` of an axis go left.
+    struct Split {
+        std::size_t axis = 0, bin = 0;
+        double low = 0, scale = 0; ///< of the bins
+        double cost = std::numeric_limits<double>::infinity();
+        std::uint32_t left_count = 0;
 
-        const double scale = static_cast<double>(bins) / extent;
-        if (!std::isfinite(scale) ||
-            !std::isfinite(node.box.half_area())) // absurdly small, or great
-            return node.count / 2;
-        const auto bin_of = [&](std::uint32_t nth) {
-            const auto b = static_cast<std::size_t>((center(nth, axis) - low) * scale);
-            return std::min(b, bins - 1);
-        };
+        [[nodiscard]] std::size_t bin_of(const SphereSurface& s) const {
+            return std::min(static_cast<std::size_t>((s.center[axis] - low) * scale), bins - 1);
+        }
+    };
+
+    /// The best by surface area along an axis.
+    [[nodiscard]] Split best_split(const Binary& node, std::size_t axis, double low,
+                                   double extent) const {
+        Split split;
+        split.axis = axis, split.low = low, split.scale = static_cast<double>(bins) / extent;
+        if (!(extent > 0) || !std::isfinite(split.scale) || !std::isfinite(extent))
+            return split;
         std::array<Box, bins> boxes;
         std::array<std::uint32_t, bins> counts{};
         for (std::uint32_t i = node.begin; i < node.begin + node.count; ++i) {
-            const std::size_t b = bin_of(i);
-            boxes[b].add(box_of(spheres_[bvh_.order[i]]));
+            const SphereSurface& sphere = spheres_[bvh_.order[i]];
+            const std::size_t b = split.bin_of(sphere);
+            boxes[b].add(box_of(sphere));
             ++counts[b];
         }
         std::array<double, bins> right_cost{}; // of the bins from one on
@@ -140,22 +136,40 @@ private:
             right_cost[b] = right.half_area() * right_count;
         }
         Box left;
-        std::uint32_t left_count = 0, best_count = 0;
-        std::size_t best = 0;
-        double best_cost = std::numeric_limits<double>::infinity();
+        std::uint32_t left_count = 0;
         for (std::size_t b = 1; b < bins; ++b) {
             left.add(boxes[b - 1]);
             left_count += counts[b - 1];
             const double cost = left.half_area() * left_count + right_cost[b];
-            if (left_count > 0 && left_count < node.count && cost < best_cost)
-                best = b, best_cost = cost, best_count = left_count;
+            if (left_count > 0 && left_count < node.count && cost < split.cost)
+                split.bin = b, split.cost = cost, split.left_count = left_count;
         }
+        return split;
+    }
+
+    /// Reorders the spheres of a node; how many go left. 0: it is one sphere.
+    std::uint32_t split(std::uint32_t index) {
+        const Binary& node = binary_[index];
+        if (node.count <= 1)
+            return 0;
+        Box centers;
+        for (std::uint32_t i = node.begin; i < node.begin + node.count; ++i)
+            centers.add(point_box({center(i, 0), center(i, 1), center(i, 2)}));
+        Split best;
+        if (node.level < area_levels_max && std::isfinite(node.box.half_area()))
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const Split split = best_split(node, axis, centers.low[axis],
+                                               centers.high[axis] - centers.low[axis]);
+                if (split.cost < best.cost)
+                    best = split;
+            }
+        if (best.left_count == 0) // in one place, or absurdly small, or great
+            return node.count / 2;
         const auto first = bvh_.order.begin() + node.begin;
         std::stable_partition(first, first + node.count, [&](std::uint32_t sphere) {
-            const auto b = static_cast<std::size_t>((spheres_[sphere].center[axis] - low) * scale);
-            return std::min(b, bins - 1) < best;
+            return best.bin_of(spheres_[sphere]) < best.bin;
         });
-        return best_count;
+        return best.left_count;
     }
 
     /// How a subtree is best cut into at most n parts, each a leaf or a wide node.
