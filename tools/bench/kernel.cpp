@@ -79,7 +79,7 @@ struct Measured {
     std::uint64_t hash = 0;
 };
 
-constexpr std::uint32_t tile_side = 128;
+constexpr std::uint32_t tile_side = 32;
 
 std::vector<PixelRect> tiles_of(Extent size) {
     std::vector<PixelRect> tiles;

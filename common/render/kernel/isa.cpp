@@ -6,6 +6,8 @@
 #include "common/render/kernel/tracer.hpp"
 #include "common/render/kernel/view.hpp"
 
+#include <memory>
+
 #if !defined(FRAJA_KERNEL_ENTRY) || !defined(FRAJA_KERNEL_ISA)
 #error "FRAJA_KERNEL_ENTRY and FRAJA_KERNEL_ISA say what is being compiled"
 #endif
@@ -13,8 +15,12 @@
 namespace fraja::kernel {
 namespace {
 
+/// A thread's tracer stays for its next tile: its buffers cost a small tile's time.
 TileResult render_tile(const Tables& tables, const TileJob& job, const TileControl& control) {
-    return TileTracer(tables, job, control).draw();
+    thread_local std::unique_ptr<TileTracer> tracer;
+    if (!tracer || tracer->scene() != tables.scene)
+        tracer = std::make_unique<TileTracer>(tables);
+    return tracer->draw(job, control);
 }
 
 } // namespace

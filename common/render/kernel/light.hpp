@@ -31,8 +31,8 @@ struct TileTracer::Incidence {
     Wide3 light; ///< local, so far
 };
 
-inline TileTracer::TileTracer(const Tables& tables, const TileJob& job, const TileControl& control)
-    : tables_(tables), job_(job), control_(control), walker_(tables),
+inline TileTracer::TileTracer(const Tables& tables)
+    : tables_(tables), scene_(tables.scene), walker_(tables),
       spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
       batch_(batch_rays / lanes) {}
 

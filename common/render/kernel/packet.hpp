@@ -104,6 +104,7 @@ public:
     /// Whether a ray of the beam might meet a sphere; true where that takes too long to tell.
     [[nodiscard]] bool may_meet(const Beam& beam);
 
+    void count_from_zero() { box_tests_ = form_tests_ = 0; }
     [[nodiscard]] std::uint64_t box_tests() const { return box_tests_; }
     [[nodiscard]] std::uint64_t form_tests() const { return form_tests_; }
 

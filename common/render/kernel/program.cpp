@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 #include <set>
@@ -89,6 +90,8 @@ std::uint64_t bit(std::size_t index) {
 Program::Program(const Scene& scene, const SolidLimits& limits, const std::set<SolidIndex>& listed,
                  const Vec3& center)
     : collector_(center), solids_(scene, limits, listed, collector_) {
+    static std::atomic<std::uint64_t> scenes = 0;
+    tables_.scene = ++scenes;
     put(tables_.center, center);
 }
 

@@ -26,7 +26,14 @@ inline std::uint32_t block_side(std::uint64_t samples_per_pixel) {
     return side;
 }
 
-inline TileResult TileTracer::draw() {
+inline TileResult TileTracer::draw(const TileJob& job, const TileControl& control) {
+    job_ = job, control_ = control;
+    result_ = {};
+    unreported_ = 0;
+    for (int c = 0; c < 3; ++c) // of a tile that was stopped
+        pixel_sum_[c] = pixel_lost_[c] = 0;
+    pixel_truncated_ = budget_spent_ = false;
+    spheres_.count_from_zero();
     report_now(); // stopped already?
     const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
     const std::uint64_t per_pixel = n * n;

@@ -117,7 +117,8 @@ struct CameraTable {
 // ------------------------------------------------------------------------------------- the scene
 
 struct Tables {
-    double center[3]; ///< world space; subtracted from every place below
+    std::uint64_t scene; ///< a number that no other compiled scene of this process has
+    double center[3];    ///< world space; subtracted from every place below
 
     const SphereSurface* spheres;
     const PlaneSurface* planes;

@@ -58,9 +58,11 @@ struct Block {
 
 class TileTracer {
 public:
-    TileTracer(const Tables& tables, const TileJob& job, const TileControl& control);
+    explicit TileTracer(const Tables& tables);
 
-    TileResult draw();
+    /// Its tables may be gone.
+    [[nodiscard]] std::uint64_t scene() const { return scene_; }
+    TileResult draw(const TileJob& job, const TileControl& control);
 
 private:
     // samples.hpp
@@ -155,8 +157,9 @@ private:
     }
 
     const Tables& tables_;
-    const TileJob& job_;
-    const TileControl& control_;
+    std::uint64_t scene_;
+    TileJob job_{};
+    TileControl control_{};
     Walker walker_;
     PacketTracer spheres_;
     /// What the block's camera rays may meet.

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <doctest/doctest.h>
 #include <memory>
+#include <thread>
 
 namespace fraja {
 namespace {
@@ -119,6 +120,28 @@ TEST_CASE("many samples of a pixel, in several blocks, are the same bits in ever
     const RenderSettings settings{.size = {3, 2}, .depth = 5, .aa = 40}; // 1600 a pixel
     const auto compiled = compile_scene(scene, Kernel::fast);
     CHECK(pixels_of(*compiled, settings, {3, 2}) == pixels_of(*compiled, settings, {1, 1}));
+}
+
+TEST_CASE("a thread that was stopped in a tile draws its next one as any other does") {
+    Rng rng(7);
+    const auto scene = std::make_shared<const Scene>(random_scene(rng));
+    const auto compiled = compile_scene(scene, Kernel::fast);
+    const RenderSettings settings{.size = {16, 16}, .depth = 8, .aa = 40};
+    std::vector<float> want;
+    std::jthread([&] { want = pixels_of(*compiled, settings, {4, 2}); }).join();
+    const RenderSettings endless{.size = {512, 512}, .depth = 8, .aa = 40};
+    RenderControl control;
+    {
+        const std::jthread stopper([&] {
+            while (control.rays < 50'000)
+                std::this_thread::yield();
+            control.stop = true;
+        });
+        const auto stopped = compiled->render_tile(endless, {0, 0, 512, 512}, control);
+        REQUIRE(!stopped.has_value());
+        CHECK(stopped.error().code == ErrorCode::cancelled);
+    }
+    CHECK(pixels_of(*compiled, settings, {4, 2}) == want);
 }
 
 TEST_CASE("the hierarchy's float boxes hide no sphere, near the origin or 1e9 away") {
