@@ -29,6 +29,11 @@ public:
             good &= cell(e.normal, regime.marks.normal);
             verdict(good);
         }
+        Rng entry_rng(1);
+        const std::uint64_t differ = entries_that_differ(entry_rng, cases_);
+        std::printf("%-52s %8llu %50s", "entries: short and general formula differ", number(differ),
+                    "");
+        verdict(differ == 0);
         Rng rng(1);
         const std::uint64_t rays = std::max<std::uint64_t>(cases_ / 10, 15);
         const std::uint64_t left = rays_that_leave_a_mirror_ball(rng, rays);

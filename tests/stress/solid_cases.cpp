@@ -334,9 +334,11 @@ Walks run(Rng& rng, std::uint64_t rays) {
             // Places are 1e9 radii away at most, where they have 7 digits left.
             walks.wrong +=
                 !agree(walk(program->tables(), solid_of, start, dir), want, 1e-6 * maker.scale());
-            if (!stateless->tables().stateful && want[0].filler == none)
+            if (!stateless->tables().stateful && want[0].filler == none) {
+                ++walks.entries;
                 walks.wrong_entries +=
                     !first_is_found(stateless->tables(), opaque_solid_of, start, dir, want);
+            }
         }
     }
     return walks;

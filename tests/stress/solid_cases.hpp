@@ -13,6 +13,7 @@ namespace fraja::stress {
 struct Walks {
     std::uint64_t rays = 0;
     std::uint64_t wrong = 0;         ///< another row of solids than the truth, or at another place
+    std::uint64_t entries = 0;       ///< rays without state, outside of everything
     std::uint64_t wrong_entries = 0; ///< likewise, of rays without state into the first
     std::uint64_t changes = 0;       ///< from solid to solid, of all rays
     std::uint64_t grazing = 0;       ///< rays not counted: so near a tangent that rounding decides

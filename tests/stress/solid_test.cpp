@@ -15,6 +15,7 @@ TEST_CASE("what fills the space along a ray is what exact evaluation says") {
         CHECK(walks.changes > walks.rays);
         CHECK(walks.grazing < walks.rays / 100);
         CHECK(walks.wrong == 0);
+        CHECK(walks.entries > walks.rays / 4);
         CHECK(walks.wrong_entries == 0);
     }
 }

@@ -6,6 +6,7 @@
 #include "tests/stress/quad.hpp"
 #include "tests/stress/random_vectors.hpp"
 
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -378,6 +379,60 @@ std::uint64_t rays_that_leave(Rng& rng, std::uint64_t rays, double radius, doubl
 }
 
 } // namespace
+
+namespace {
+
+template <class Form>
+std::uint64_t entry_differs(Rng& rng, const Form& form, const Vec3& origin, const Vec3& dir) {
+    const auto surface = surface_of(form);
+    const std::int64_t owner = rng.below(8) == 0 ? 7 : kernel::none;
+    const kernel::WideRays rays{in_all_lanes(origin), in_all_lanes(dir), kernel::all_lanes(owner)};
+    const double shorter = kernel::entry_of(surface, 7, rays)[0];
+    const double general = kernel::crossings_of(surface, 7, rays, Mask{}).first[0];
+    return std::bit_cast<std::uint64_t>(shorter) == std::bit_cast<std::uint64_t>(general) ? 0 : 1;
+}
+
+} // namespace
+
+std::uint64_t entries_that_differ(Rng& rng, std::uint64_t rays) {
+    std::uint64_t differ = 0;
+    while (rays > 0) {
+        const Vec3 axis = direction(rng), place = direction(rng);
+        const Vec3 origin = place + rng.between(0, 6) * direction(rng);
+        const Vec3 dir = normalized(
+            place + (rng.below(2) == 0 ? magnitude_between(rng, -12, 0.5) : 0.0) * direction(rng) -
+            origin);
+        const auto count = [&](const auto& truth, const auto& form) {
+            if (truth.off(quad(origin)) > 1e-12) {
+                differ += entry_differs(rng, form, origin, dir);
+                --rays;
+            }
+        };
+        switch (rng.below(4)) {
+        case 0: {
+            const Sphere s{place, rng.between(0.1, 2)};
+            count(TrueSphere{s}, s);
+            break;
+        }
+        case 1: {
+            const Cylinder s{place, axis, rng.between(0.1, 2)};
+            count(TrueCylinder{s}, s);
+            break;
+        }
+        case 2: {
+            const Cone s{place, axis, rng.between(0.05, 1.5)};
+            count(TrueCone{s}, s);
+            break;
+        }
+        default:
+            if (dot(origin - place, axis) > 0) {
+                differ += entry_differs(rng, Plane{place, axis}, origin, dir);
+                --rays;
+            }
+        }
+    }
+    return differ;
+}
 
 std::uint64_t rays_that_leave_a_mirror_ball(Rng& rng, std::uint64_t rays) {
     std::uint64_t left = 0;

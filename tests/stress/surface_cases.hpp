@@ -36,6 +36,11 @@ struct Regime {
 
 [[nodiscard]] const std::vector<Regime>& surface_regimes();
 
+/// Rays that start outside, a fourth each at spheres, planes, cylinders and cones, half of those
+/// past the tip; a few start on the surface. Counts those for which the shorter way to compute an
+/// entry differs from the general one in any bit.
+[[nodiscard]] std::uint64_t entries_that_differ(Rng& rng, std::uint64_t rays);
+
 /// Rays in a mirror ball, grazing its wall by 1e-6 to 1.5 rad, 500 bounces each; a fifteenth of
 /// them for each of 15 pairs of size and distance from the origin. Counts those that get off the
 /// wall.

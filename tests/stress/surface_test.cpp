@@ -22,6 +22,11 @@ TEST_CASE("hits have the digits that are promised, regime by regime") {
     }
 }
 
+TEST_CASE("an entry is the same number, computed for a ray that is outside or for any") {
+    Rng rng(1);
+    CHECK(entries_that_differ(rng, 20'000) == 0);
+}
+
 TEST_CASE("no ray leaves a mirror ball") {
     Rng rng(1);
     CHECK(rays_that_leave_a_mirror_ball(rng, 300) == 0);

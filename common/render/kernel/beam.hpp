@@ -109,7 +109,8 @@ inline bool beam_through(const CameraTable& camera, const double (&across)[2],
         }
     // Of a rectangle in a plane, a corner is farthest off any direction.
     nearest -= radius; // of all its points
-    if (!(cosine > 0.5) || !(nearest > 0) || !(radius < 1e100))
+    // Where squares of lengths are neither 0 nor infinite.
+    if (!(cosine > 0.5) || !(nearest > 1e-140) || !(radius < 1e100) || !(magnitudes < 1e100))
         return false;
     const double spread = __builtin_sqrt(1 - cosine * cosine + 1e-14) / cosine + slack / nearest;
     // A start may lie behind the beam's, and its ray have spread when it gets there.

@@ -248,10 +248,11 @@ Holds holds_throughout(const BoundingSphere& places, const Expression& e,
     case Expression::Kind::always:
         return Holds::always;
     case Expression::Kind::literal: {
-        const double side = surfaces.side_of(e.surface, places.center);
-        const Holds inside = side > places.radius    ? Holds::never
-                             : side < -places.radius ? Holds::always
-                                                     : Holds::sometimes;
+        const auto [side, error] = surfaces.side_of(e.surface, places.center);
+        const double margin = places.radius + error;
+        const Holds inside = side > margin    ? Holds::never
+                             : side < -margin ? Holds::always
+                                              : Holds::sometimes;
         return e.negated ? opposite(inside) : inside;
     }
     case Expression::Kind::all:

@@ -31,6 +31,11 @@ struct Box {
         const double x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
         return x < 0 ? 0 : x * y + y * z + z * x;
     }
+    /// Never infinite, nor is the sum of all boxes'.
+    [[nodiscard]] double finite_half_area() const {
+        const double area = half_area();
+        return area < 1e280 ? area : 1e280;
+    }
 };
 
 Box point_box(const std::array<double, 3>& p) {
@@ -186,7 +191,7 @@ private:
         for (std::size_t i = binary_.size(); i-- > 0;) { // children come after their parents
             const Binary& node = binary_[i];
             Cut& cut = cuts_[i];
-            const double area = node.box.half_area();
+            const double area = node.box.finite_half_area();
             const double leaf_cost = node.count <= leaf_spheres_max
                                          ? area * node.count
                                          : std::numeric_limits<double>::infinity();

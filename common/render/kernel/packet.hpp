@@ -299,6 +299,10 @@ FRAJA_WIDE unsigned PacketTracer::test_spheres(Packet& packet, unsigned active, 
     const std::uint32_t count = (static_cast<std::uint32_t>(~leaf) & 7) + 1;
     form_tests_ += count * static_cast<unsigned>(__builtin_popcount(active));
     unsigned hits = 0;
+    [[maybe_unused]] Mask is_active[packet_groups];
+    if constexpr (!any_hit)
+        for (int g = 0; g < packet_groups; ++g)
+            is_active[g] = mask_of(active >> (g * lanes) & every_lane);
     for (std::uint32_t i = begin; i < begin + count; ++i) {
         const SphereSurface& sphere = tables_.bvh_spheres[i];
         const std::int64_t index = std::int64_t{tables_.surface_count} + i;
@@ -308,7 +312,9 @@ FRAJA_WIDE unsigned PacketTracer::test_spheres(Packet& packet, unsigned active, 
             const Wide entry = entry_of(sphere, index, packet.rays[g]);
             Mask nearer = entry < packet.t[g];
             if constexpr (!any_hit) // of two at one distance the first, whenever it is tested
-                nearer |= (entry == packet.t[g]) & (all_lanes(index) < packet.surface[g]);
+                nearer =
+                    (nearer | ((entry == packet.t[g]) & (all_lanes(index) < packet.surface[g]))) &
+                    is_active[g];
             const unsigned bits = bits_of(nearer) << (g * lanes) & active;
             if (bits == 0)
                 continue;

@@ -452,8 +452,8 @@ void Program::find_filler(Light& light) const {
     const Vec3 p = vec(light.to);
     std::vector<bool> inside(surfaces_.size());
     for (std::uint32_t s = 0; s < inside.size(); ++s) {
-        const double side = surfaces_.side_of(s, p);
-        if (!(std::abs(side) > 1e-9 * (length(p) + std::abs(side))))
+        const auto [side, error] = surfaces_.side_of(s, p);
+        if (!(std::abs(side) > error + 1e-9 * (length(p) + std::abs(side))))
             return;
         inside[s] = side < 0;
     }

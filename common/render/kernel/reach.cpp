@@ -22,31 +22,49 @@ Reach::Reach(const Scene& scene) : scene_(scene) {
     only_camera_rays_ = !scene.any_lights &&
                         std::ranges::none_of(scene.materials.table,
                                              [](const Material& m) { return m.mirror || m.glass; });
+    find_glass();
     find_covers();
 }
 
-void Reach::find_covers() {
-    const std::size_t count = scene_.leaves.size();
-    std::vector<std::size_t> opaque;
-    for (std::size_t i = 0; i < count; ++i) {
-        const SolidLeaf& leaf = scene_.leaves[i];
+void Reach::find_glass() {
+    for (std::size_t i = 0; i < scene_.leaves.size(); ++i) {
         const bool starts_outside =
             std::ranges::all_of(scene_.starts, [&](const BoundingSphere& places) {
                 return holds(i, places) == Holds::never;
             });
         camera_is_outside_ &= starts_outside;
-        const bool glass = std::ranges::any_of(leaf.surfaces, [&](const LeafSurface& s) {
-            return scene_.materials.table[scene_.materials[s.texture_out]].glass;
-        });
-        (glass || !starts_outside ? enterable_ : opaque).push_back(i);
+        const bool glass =
+            std::ranges::any_of(scene_.leaves[i].surfaces, [&](const LeafSurface& s) {
+                return scene_.materials.table[scene_.materials[s.texture_out]].glass;
+            });
+        (glass || !starts_outside ? glass_ : covers_).push_back(i);
     }
-    if (opaque.size() * (enterable_.size() + count) > hidden_pairs_max)
-        return;
-    for (const std::size_t i : opaque)
-        if (std::ranges::all_of(enterable_, [&](std::size_t other) {
-                return scene_.displaces(i, other) || holds(i, bounds_[other]) != Holds::sometimes;
-            }))
-            covers_.push_back(i);
+}
+
+/// Takes from the opaque leaves those that rays can be in after all. They get into glass, unless it
+/// lies within an opaque leaf that they cannot be in; and from where they are into an opaque leaf
+/// that does not displace it: where glass ends that had displaced it, or had nothing to do with it.
+void Reach::find_covers() {
+    const auto take = [&](std::vector<std::size_t>& from, const auto& is_entered) {
+        const auto entered = std::ranges::stable_partition(
+            from, [&](std::size_t leaf) { return !is_entered(leaf); });
+        const bool any = !entered.empty();
+        enterable_.insert(enterable_.end(), entered.begin(), entered.end());
+        from.erase(entered.begin(), entered.end());
+        return any;
+    };
+    const auto reached_from_outside = [&](std::size_t glass) {
+        return std::ranges::none_of(covers_, [&](std::size_t cover) {
+            return holds(cover, bounds_[glass]) == Holds::always;
+        });
+    };
+    const auto reached_from_within = [&](std::size_t leaf) {
+        return std::ranges::any_of(enterable_, [&](std::size_t from) {
+            return !scene_.displaces(leaf, from) && holds(leaf, bounds_[from]) != Holds::never;
+        });
+    };
+    while (take(glass_, reached_from_outside) | take(covers_, reached_from_within)) {
+    }
 }
 
 Holds Reach::holds(std::size_t leaf, const BoundingSphere& places) const {
@@ -86,8 +104,11 @@ std::vector<bool> Reach::hidden_spheres(const std::vector<SphereSurface>& sphere
 
 bool Reach::meets_glass(const SphereSurface& sphere) const {
     const BoundingSphere places = around(sphere);
-    return std::ranges::any_of(
-        enterable_, [&](std::size_t leaf) { return holds(leaf, places) == Holds::sometimes; });
+    return std::ranges::any_of(enterable_, [&](std::size_t leaf) {
+        const BoundingSphere& bounds = bounds_[leaf];
+        return length(bounds.center - places.center) <= bounds.radius + places.radius &&
+               holds(leaf, places) == Holds::sometimes;
+    });
 }
 
 } // namespace fraja::kernel

@@ -11,13 +11,12 @@
 
 namespace fraja::kernel {
 
-/// Pairs of solids, one of which might hide the other, that are worth being looked at.
+/// Pairs of a sphere that stands apart and a leaf that might hide it which are worth being looked
+/// at.
 inline constexpr std::size_t hidden_pairs_max = std::size_t{1} << 24;
 
-/// A solid is hidden within an opaque one that every ray ends at: all start outside, and whatever
-/// glass they may be in when they get there is displaced (or lies within as a whole). Where there
-/// are only camera rays (no lights, mirrors, glass), what lies beside the picture is hidden as
-/// well.
+/// A solid is hidden within an opaque one that no ray can be in. Where there are only camera rays
+/// (no lights, mirrors, glass), what lies beside the picture is hidden as well.
 class Reach {
 public:
     struct Scene {
@@ -33,13 +32,13 @@ public:
 
     /// No camera ray starts in a leaf.
     [[nodiscard]] bool camera_is_outside() const { return camera_is_outside_; }
-    /// Never true where hidden_pairs_max is exceeded.
     [[nodiscard]] std::vector<bool> hidden_leaves() const;
     [[nodiscard]] std::vector<bool> hidden_spheres(const std::vector<SphereSurface>& spheres) const;
     /// Whether the surface of a sphere may lie partly within a leaf that rays can be in.
     [[nodiscard]] bool meets_glass(const SphereSurface& sphere) const;
 
 private:
+    void find_glass();
     void find_covers();
     /// What the leaf's formula is at all these places.
     [[nodiscard]] Holds holds(std::size_t leaf, const BoundingSphere& places) const;
@@ -48,8 +47,10 @@ private:
 
     const Scene& scene_;
     std::vector<BoundingSphere> bounds_; ///< by leaf
-    std::vector<std::size_t> enterable_; ///< leaves that rays can be in
-    std::vector<std::size_t> covers_;    ///< leaves that hide what is in them
+    // All leaves, by number.
+    std::vector<std::size_t> enterable_; ///< rays can be in them
+    std::vector<std::size_t> covers_;    ///< opaque; no ray can
+    std::vector<std::size_t> glass_;     ///< no ray can, since it lies within a cover
     bool camera_is_outside_ = true;
     bool only_camera_rays_ = false;
 };

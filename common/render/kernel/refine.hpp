@@ -1,8 +1,9 @@
 // A crossing with all its digits: once per hit that counts.
 //
-// Everything up to the last rounding runs in double-double arithmetic, from the numbers of the
-// scene and the ray as they are (a direction is not exactly unit). The place is put back on the
-// surface; the normal comes from the hit's place relative to the surface, never from world space.
+// From the numbers of the scene and the ray as they are (a direction is not exactly unit), in
+// double-double arithmetic up to the last rounding, or, where that is as good, with compensated
+// sums: planes, and spheres that are not too near. A place on a sphere or a cylinder is put back on
+// it; a normal comes from the hit's place relative to the surface, never from world space.
 #pragma once
 
 #include "common/render/kernel/tables.hpp"

@@ -136,14 +136,18 @@ FRAJA_WIDE ConeQuadratic quadratic_of(const ConeSurface& s, const WideRays& ray)
 FRAJA_WIDE Roots roots_of(const ConeSurface& s, const WideRays& ray, Mask on_surface) {
     const ConeQuadratic k = quadratic_of(s, ray);
     const Wide c = select(on_surface, Wide{}, k.c());
-    const Mask real = (k.discriminant >= 0) | on_surface;
+    // A ray that is steeper than the cone goes from nappe to nappe, if only through the tip.
+    const Mask opens = k.a < 0;
+    const Mask real = (k.discriminant >= 0) | opens | on_surface;
     const Wide half =
         select(on_surface, magnitude(k.b), square_root(greater(k.discriminant, Wide{})));
     const Wide q = select(k.b < 0, half - k.b, -k.b - half);
     const Wide one = q / k.a;
     const Wide other = select(q == 0, Wide{}, c / q);
-    const Mask opens = k.a < 0; // the ray is steeper than the cone: it goes from nappe to nappe
-    return {lesser(one, other), greater(one, other), select(opens, k.b, -k.b), real, ~opens};
+    // |one| >= |other|: which is lower is told by signs, not by roundings.
+    const Mask other_is_lower = (k.b < 0) ^ opens;
+    return {select(other_is_lower, other, one), select(other_is_lower, one, other),
+            select(opens, k.b, -k.b), real, ~opens};
 }
 
 /// Of a ray that starts outside: a flat one goes in where its nearer root is, if that is ahead, a
@@ -160,7 +164,9 @@ FRAJA_WIDE Wide entry_of(const ConeSurface& s, std::int64_t index, const WideRay
         select(on_surface, magnitude(k.b), square_root(greater(k.discriminant, Wide{})));
     // The roots are q / a and c / q.
     const Wide q = select(towards, half - k.b, -magnitude(k.b) - half);
-    const Wide t = select(towards, greater(k.c(), Wide{}), q) / select(towards, q, k.a);
+    const Mask leaves_at_once = on_surface & (k.b < 0); // if rounding makes it
+    const Wide t = select(leaves_at_once, Wide{},
+                          select(towards, greater(k.c(), Wide{}), q) / select(towards, q, k.a));
     return select(hit, greater(t, Wide{}), never());
 }
 

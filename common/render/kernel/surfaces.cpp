@@ -85,16 +85,16 @@ Side SurfaceCollector::add(const Plane& s, bool complement) {
 
 Side SurfaceCollector::add(const Cylinder& s, bool complement) {
     CylinderSurface entry{};
-    put(entry.origin, s.origin - center_);
+    const Vec3 u = canonical(unit(s.direction));
+    const Vec3 origin = off_axis(s.origin - center_, u);
+    put(entry.origin, origin);
     put(entry.axis, unit(s.direction));
     put(entry.direction, s.direction);
     entry.radius = std::abs(s.radius);
     const DoubleDouble squared = scaled_length_squared(entry.direction, {1, 0});
     entry.direction_squared[0] = squared.high, entry.direction_squared[1] = squared.low;
-    const Vec3 u = canonical(unit(s.direction));
-    const Vec3 foot = off_axis(vec(entry.origin), u);
     const Key key =
-        key_of(SurfaceKind::cylinder, {u.x, u.y, u.z, foot.x, foot.y, foot.z, entry.radius});
+        key_of(SurfaceKind::cylinder, {u.x, u.y, u.z, origin.x, origin.y, origin.z, entry.radius});
     return {add(SurfaceKind::cylinder, cylinders_, key, entry), complement};
 }
 
@@ -131,30 +131,42 @@ double side_of(const SphereSurface& s, const Vec3& p) {
 
 namespace {
 
-double side(const PlaneSurface& s, const Vec3& p) {
-    return dot(vec(s.normal), p - vec(s.point));
+using Sided = SurfaceCollector::Sorted::Sided;
+
+/// Much more than rounding can have done to a distance from something that is given so far away.
+double error_at(const Vec3& p, const Vec3& from_anchor) {
+    return 1e-14 * (length(p) + length(from_anchor));
 }
-double side(const CylinderSurface& s, const Vec3& p) {
-    return length(cross(p - vec(s.origin), vec(s.axis))) - s.radius;
+Sided sided(const SphereSurface& s, const Vec3& p) {
+    return {side_of(s, p), error_at(p, p - vec(s.center)) + 1e-14 * s.radius};
 }
-double side(const ConeSurface& s, const Vec3& p) {
+Sided sided(const PlaneSurface& s, const Vec3& p) {
+    const Vec3 f = p - vec(s.point);
+    return {dot(vec(s.normal), f), error_at(p, f)};
+}
+Sided sided(const CylinderSurface& s, const Vec3& p) {
+    const Vec3 f = p - vec(s.origin);
+    return {length(cross(f, vec(s.axis))) - s.radius, error_at(p, f) + 1e-14 * s.radius};
+}
+Sided sided(const ConeSurface& s, const Vec3& p) {
     const Vec3 f = p - vec(s.origin);
     const double off = length(cross(f, vec(s.axis))) - s.slope * std::abs(dot(f, vec(s.axis)));
-    return off / (1 + s.slope); // grows no faster than one goes
+    return {off / (1 + s.slope), error_at(p, f)}; // grows no faster than one goes
 }
 
 } // namespace
 
-double SurfaceCollector::Sorted::side_of(std::uint32_t surface, const Vec3& p) const {
+SurfaceCollector::Sorted::Sided SurfaceCollector::Sorted::side_of(std::uint32_t surface,
+                                                                  const Vec3& p) const {
     if (surface < spheres.size())
-        return kernel::side_of(spheres[surface], p);
+        return sided(spheres[surface], p);
     surface -= static_cast<std::uint32_t>(spheres.size());
     if (surface < planes.size())
-        return side(planes[surface], p);
+        return sided(planes[surface], p);
     surface -= static_cast<std::uint32_t>(planes.size());
     if (surface < cylinders.size())
-        return side(cylinders[surface], p);
-    return side(cones[surface - cylinders.size()], p);
+        return sided(cylinders[surface], p);
+    return sided(cones[surface - cylinders.size()], p);
 }
 
 std::vector<std::uint32_t> SurfaceCollector::Sorted::keep(const std::vector<bool>& used) {

@@ -40,7 +40,10 @@ public:
             return spheres.size() + planes.size() + cylinders.size() + cones.size();
         }
         /// How far a point is from the inside of a surface, negative inside; of a cone, at least.
-        [[nodiscard]] double side_of(std::uint32_t surface, const Vec3& p) const;
+        struct Sided {
+            double side, error;
+        };
+        [[nodiscard]] Sided side_of(std::uint32_t surface, const Vec3& p) const;
         /// Leaves out what is not used; answers the number that each surface has now.
         std::vector<std::uint32_t> keep(const std::vector<bool>& used);
     };

@@ -483,8 +483,12 @@ Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide li
 void Walker::settle(const Found& found, Mask hit) {
     for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
         const Mask met = found.surface == all_lanes(std::int64_t{s});
-        const Mask crossed = met ? first_[s] < found.t // and now it is met again
-                                 : (first_[s] <= found.t) ^ (second_[s] <= found.t);
+        // Of two leaves that are surfaces, entered at one time, the other one is still ahead; of a
+        // leaf's surfaces, crossed at one time, all are behind.
+        const Mask before =
+            met | (tables_.leaf_is_surface ? ~Mask{} : Mask{}); // ... found.t, not at it
+        const Mask crossed = before ? (first_[s] < found.t) ^ ((second_[s] < found.t) & ~met)
+                                    : (first_[s] <= found.t) ^ (second_[s] <= found.t);
         bits_[s >> 6] ^=
             hit & crossed & all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (s & 63)));
     }

@@ -41,6 +41,22 @@ TEST_CASE("absurd numbers give a picture of numbers") {
     });
 }
 
+TEST_CASE("so do absurd spheres that are many enough for a hierarchy") {
+    for_each_seed(200, [](Rng& rng) {
+        SceneBuilder b;
+        std::vector<SolidIndex> members;
+        for (int i = 0; i < 40; ++i) {
+            const Vec3 center = rng.below(3) == 0 ? Vec3{i % 2 ? 1e160 : -1e160,
+                                                         i % 4 < 2 ? 1e160 : -1e160, 5.0 + i}
+                                                  : detail::any_vector(rng);
+            const double radius = rng.below(3) == 0 ? 1e155 : detail::any_number(rng);
+            members.push_back(b.solid(Sphere{center, radius}, mirror(0.5)));
+        }
+        b.aggregate(members);
+        check_picture(b.scene, {.size = {8, 6}, .depth = 3});
+    });
+}
+
 TEST_CASE("huge and tiny scenes give a picture of numbers") {
     for_each_seed(60, [](Rng& rng) {
         const double scale = std::pow(10.0, rng.between(-170, 160));

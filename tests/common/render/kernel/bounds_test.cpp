@@ -23,7 +23,7 @@ public:
     }
     /// Of the last around().
     [[nodiscard]] bool contains(const Vec3& p) const {
-        return formula_.holds([&](std::uint32_t s) { return sorted_.side_of(s, p) <= 0; });
+        return formula_.holds([&](std::uint32_t s) { return sorted_.side_of(s, p).side <= 0; });
     }
 
 private:

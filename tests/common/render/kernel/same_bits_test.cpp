@@ -96,6 +96,54 @@ TEST_CASE("every instruction set and every tile size draws the same bits") {
     });
 }
 
+/// Every instruction set and every tile gives the reference's picture, but for rounding.
+void check_one_picture(const Scene& scene, const RenderSettings& settings) {
+    const auto shared = std::make_shared<const Scene>(scene);
+    const auto reference = draw(scene, Kernel::reference, settings);
+    REQUIRE(reference.has_value());
+    std::vector<float> want;
+    for (const kernel::KernelEntry* entry : kernel::usable_entries())
+        for (const Extent tile : {settings.size, Extent{5, 5}, Extent{1, 1}}) {
+            CAPTURE(entry->isa);
+            CAPTURE(tile.width);
+            const auto got = pixels_of(*kernel::compile_for(*entry, shared), settings, tile);
+            if (want.empty())
+                want = got;
+            CHECK(got == want);
+        }
+    std::size_t different = 0;
+    for (std::size_t i = 0; i < want.size(); ++i)
+        different += std::abs(want[i] - reference->film.pixels()[i]) > 0.01F ? 1U : 0U;
+    CHECK(different <= want.size() / 50);
+}
+
+TEST_CASE("balls in glass are not seen by rays in it, whoever goes beside them") {
+    SceneBuilder b;
+    std::vector<SolidIndex> members{b.solid(Plane{{0, 0, -1.6}, {0, 0, 1}}, mirror(0.7))};
+    for (int i = 0; i < 4; ++i) {
+        const Vec3 center{3.0 + i, 2.4 * i - 3.6, 0.1 * i};
+        members.push_back(b.solid(Sphere{center, 1.1}, glass(), IsotropicVolume{1.2}));
+        for (int k = 0; k < 20; ++k)
+            members.push_back(b.solid(
+                Sphere{center + 0.2 * Vec3{k % 3 - 1.0, k / 3 % 3 - 1.0, k / 9 - 1.0}, 0.15},
+                matte(0.1 * (k % 7))));
+    }
+    b.aggregate(members);
+    b.scene.world.background_light = {0.3, 0.5, 0.8};
+    check_one_picture(b.scene, {.size = {80, 60}, .depth = 8});
+}
+
+TEST_CASE("two balls entered at one time: the same picture, whoever goes beside the ray") {
+    SceneBuilder b;
+    const SolidIndex left = b.solid(Sphere{{3, 1, 0.4}, 1.3}, glass(), IsotropicVolume{1.5});
+    const SolidIndex right = b.solid(Sphere{{3, -1, 0.4}, 1.3}, glass(), IsotropicVolume{1.3});
+    b.aggregate({b.solid(Plane{{0, 0, -1.5}, {0, 0, 1}}, mirror(0.8)),
+                 b.solid(Plane{{9, 0, 0}, {-1, 0, 0}}, mirror(0.6)), left, right},
+                {{left, right}});
+    b.scene.world.background_light = {0.3, 0.5, 0.8};
+    check_one_picture(b.scene, {.size = {41, 31}, .depth = 8, .exact = true});
+}
+
 TEST_CASE("balls as small as a pixel are seen, however the picture is cut") {
     for_each_seed(scenes, [](Rng& rng) {
         SceneBuilder b;
