@@ -148,12 +148,13 @@ std::string counts_page(const protocol::JobState& s) {
                     r.camera, r.reflected, r.refracted, r.traced(), r.shadow, r.total());
     if (s.settings.kernel == protocol::KernelChoice::reference)
         return text;
-    text += fmt::format("tests box         {} (rays tested against a box)\n"
-                        "tests form        {} (rays tested against a surface)\n"
-                        "hits shaded       {}\n"
-                        "pixels skipped    {} (known without tracing a ray)\n"
-                        "pixels truncated  {}\n",
-                        r.box_tests, r.form_tests, r.shaded, r.skipped_pixels, r.truncated_pixels);
+    text +=
+        fmt::format("tests box         {} (rays tested against a box)\n"
+                    "tests form        {} (rays tested against a surface)\n"
+                    "hits shaded       {}\n"
+                    "pixels skipped    {} (of background or one plane, known without a search)\n"
+                    "pixels truncated  {}\n",
+                    r.box_tests, r.form_tests, r.shaded, r.skipped_pixels, r.truncated_pixels);
     if (r.truncated_pixels > 0)
         text += fmt::format("In {} pixel(s) a sample ran out of its budget of rays, and what was "
                             "left of it stayed black; a lower --depth avoids that.\n",

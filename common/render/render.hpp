@@ -38,7 +38,7 @@ struct RayCounts {
     // Of the fast kernel alone; 0 of the reference.
     std::uint64_t box_tests = 0, form_tests = 0; ///< rays tested against a box, against a surface
     std::uint64_t shaded = 0;                    ///< hits whose light was computed
-    std::uint64_t skipped_pixels = 0;            ///< known without tracing a ray
+    std::uint64_t skipped_pixels = 0;   ///< of background or of one plane, known without a search
     std::uint64_t truncated_pixels = 0; ///< with a sample that ran out of rays_per_sample_max
     friend bool operator==(const RayCounts&, const RayCounts&) = default;
     [[nodiscard]] std::uint64_t traced() const { return camera + reflected + refracted; }
