@@ -32,7 +32,7 @@ inline TileResult TileTracer::draw(const TileJob& job, const TileControl& contro
     unreported_ = 0;
     for (int c = 0; c < 3; ++c) // of a tile that was stopped
         pixel_sum_[c] = pixel_lost_[c] = 0;
-    pixel_truncated_ = budget_spent_ = false;
+    pixel_truncated_ = budget_spent_ = background_known_ = false;
     spheres_.count_from_zero();
     report_now(); // stopped already?
     const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
@@ -63,25 +63,23 @@ inline void for_each_pixel(const Block& block, F&& f) {
 }
 
 inline void TileTracer::draw_block(const Block& block) {
+    const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
+    const bool draws = job_.depth > 0 && seen;
+    if (draws)
+        view_ = look_through(block);
+    if (draws && view_ >= View::one_plane && block.first == 0)
+        result_.counts.skipped_pixels += std::uint64_t{block.width} * block.height;
+    if (draws && view_ == View::nothing)
+        return show_background(block);
     const std::size_t samples =
         std::size_t{block.width} * block.height * static_cast<std::size_t>(block.count);
     radiance_.assign(3 * samples, 0.0);
     rays_of_.assign(samples, 1);
     if (job_.truncated != nullptr)
-        lost_.assign(3 * samples, 0.0);
-    const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
-    if (job_.depth > 0 && seen) {
-        view_ = look_through(block);
-        if (view_ == View::nothing) {
-            see_background();
-        } else {
-            start_wave(block);
-            follow_waves();
-        }
-        if (view_ >= View::one_plane && block.first == 0)
-            result_.counts.skipped_pixels += std::uint64_t{block.width} * block.height;
-    } else {
-        std::fill(lost_.begin(), lost_.end(), 1.0);
+        lost_.assign(3 * samples, draws ? 0.0 : 1.0);
+    if (draws) {
+        start_wave(block);
+        follow_waves();
     }
     collect(block);
 }
@@ -135,13 +133,32 @@ inline void TileTracer::collect_lost(const Block& block, std::size_t sample, flo
     std::fill(pixel_lost_, pixel_lost_ + 3, 0.0);
 }
 
-/// Where the camera's rays meet nothing.
-inline void TileTracer::see_background() {
-    for (std::size_t i = 0; i < radiance_.size(); ++i)
-        radiance_[i] = tables_.background[i % 3];
-    const std::uint64_t samples = radiance_.size() / 3;
+/// Where the camera's rays meet nothing, all pixels are the same, with all their samples.
+inline void TileTracer::show_background(const Block& block) {
+    const std::uint64_t samples = std::uint64_t{block.width} * block.height * block.count;
     result_.counts.camera += samples;
     report(samples);
+    if (block.first > 0)
+        return; // they are drawn already
+    if (!background_known_) {
+        const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
+        const double weight = 1.0 / static_cast<double>(per_pixel);
+        for (std::size_t c = 0; c < 3; ++c) {
+            double sum = 0;
+            for (std::uint64_t i = 0; i < per_pixel; ++i)
+                sum += tables_.background[c];
+            background_[c] = as_float(sum * weight);
+        }
+        background_known_ = true;
+    }
+    for (std::uint32_t y = block.y; y < block.y + block.height; ++y) {
+        const std::size_t first = std::size_t{y} * job_.width + block.x;
+        float* rgb = job_.rgb + 3 * first;
+        for (std::uint32_t x = 0; x < block.width; ++x, rgb += 3)
+            rgb[0] = background_[0], rgb[1] = background_[1], rgb[2] = background_[2];
+        if (job_.truncated != nullptr)
+            std::fill(job_.truncated + first, job_.truncated + first + block.width, 0.0F);
+    }
 }
 
 /// Raja's samples: a pixel's centre, or a regular grid, column by column. FORMAT.md, section 5.

@@ -67,7 +67,7 @@ public:
 private:
     // samples.hpp
     void draw_block(const Block& block);
-    void see_background();
+    void show_background(const Block& block);
     void place_samples(const Block& block);
     void start_wave(const Block& block);
     void camera_rays(const Wide x, const Wide y, std::size_t at);
@@ -195,6 +195,8 @@ private:
     double pixel_sum_[3] = {}, pixel_lost_[3] = {};
     bool pixel_truncated_ = false;
     bool budget_spent_ = false; ///< of a sample of the pixels at work
+    float background_[3] = {};  ///< of a pixel of it, once known
+    bool background_known_ = false;
     std::uint64_t unreported_ = 0;
     TileResult result_;
 };
