@@ -218,7 +218,8 @@ inline void TileTracer::add_light_of(const Light& light, std::size_t first, std:
         cosine[g] = dot(at[g].hit.normal, to_light);
         if (at->group.leaving)
             cosine[g] = -cosine[g];
-        lit[g] = at[g].group.active & (cosine[g] > 0);
+        // At a right angle only a highlight shows.
+        lit[g] = at[g].group.active & (material.shiny ? cosine[g] >= 0 : cosine[g] > 0);
     }
     if (light.within_known) // another volume's light has to cross a surface
         for (std::size_t g = 0; g < groups; ++g)

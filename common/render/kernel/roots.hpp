@@ -208,7 +208,8 @@ FRAJA_WIDE SidedCrossings sided_crossings_of(const PlaneSurface& s, std::int64_t
     const Wide facing = dot(normal, ray.dir);
     const Wide above = dot(normal, ray.origin) - s.distance;
     const Wide t = -above / facing;
-    const Mask crosses = (t > 0) & (ray.owner != all_lanes(index));
+    // Along the plane it never does, though above / 0 may be infinite of either sign.
+    const Mask crosses = (t > 0) & (facing != 0) & (ray.owner != all_lanes(index));
     const Mask inside = crosses ? facing > 0 : (facing < 0) | ((facing == 0) & (above < 0));
     return {{select(crosses, t, never()), never()}, inside};
 }

@@ -484,11 +484,10 @@ void Walker::settle(const Found& found, Mask hit) {
     for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
         const Mask met = found.surface == all_lanes(std::int64_t{s});
         // Of two leaves that are surfaces, entered at one time, the other one is still ahead; of a
-        // leaf's surfaces, crossed at one time, all are behind.
-        const Mask before =
-            met | (tables_.leaf_is_surface ? ~Mask{} : Mask{}); // ... found.t, not at it
-        const Mask crossed = before ? (first_[s] < found.t) ^ ((second_[s] < found.t) & ~met)
-                                    : (first_[s] <= found.t) ^ (second_[s] <= found.t);
+        // composite leaf's surfaces, crossed at one time, all are behind.
+        const Mask ahead_at_hit = tables_.in_composite[s] ? met : ~Mask{};
+        const Mask crossed = ahead_at_hit ? (first_[s] < found.t) ^ ((second_[s] < found.t) & ~met)
+                                          : (first_[s] <= found.t) ^ (second_[s] <= found.t);
         bits_[s >> 6] ^=
             hit & crossed & all_lanes(static_cast<std::int64_t>(std::uint64_t{1} << (s & 63)));
     }

@@ -95,6 +95,65 @@ TEST_CASE("so does a scene of more textures than rays, half of them the same") {
     CHECK(got.rays.reflected > 0);
 }
 
+/// The fast kernel's picture is the reference's, in every pixel.
+void check_same(const Scene& scene, const RenderSettings& settings) {
+    const auto [want, got] = draw_both(scene, settings);
+    CHECK(compare(got.film, want.film).clearly_different == 0);
+}
+
+TEST_CASE("rays along a side of a cube see the cube") {
+    SceneBuilder b;
+    std::vector<TexturedFormIndex> sides;
+    const TextureIndex texture = b.texture(matte(0.8));
+    for (const Vec3& out : {Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}})
+        for (const Vec3& side : {out, -out})
+            sides.push_back(b.textured(Plane{side, side}, texture));
+    b.aggregate({b.solid(b.textured(Intersection{sides}))});
+    b.scene.world.background_light = {0, 0, 1};
+    check_same(b.scene, {.size = {21, 21}});
+    check_same(b.scene, {.size = {21, 21}, .aa = 1});
+}
+
+TEST_CASE("bodies that touch are drawn, also where another one is a composite") {
+    for (const bool composite : {false, true}) {
+        SceneBuilder b;
+        std::vector<SolidIndex> members{
+            b.solid(Sphere{{0, 0, 0}, 1}, glass(), IsotropicVolume{1.5}),
+            b.solid(Plane{{0, 0, -1}, {0, 0, 1}}, matte(0.7))};
+        const TextureIndex texture = b.texture(matte(0.8));
+        if (composite)
+            members.push_back(
+                b.solid(b.textured(Intersection{{b.textured(Sphere{{5, 5, 5}, 1}, texture),
+                                                 b.textured(Sphere{{5, 5, 5.5}, 1}, texture)}})));
+        b.aggregate(members);
+        b.scene.world.lights = {PointLight{{0, 0, 5}, {0.5, 0.5, 0.5}}};
+        b.scene.world.background_light = {0, 0, 1};
+        b.scene.camera = HorizontalCamera{.origin = {0, 0, 5},
+                                          .direction = {0, 0, -1},
+                                          .focal = 1,
+                                          .screen_width = 1,
+                                          .screen_height = 1};
+        const auto [want, got] = draw_both(b.scene, {.size = {21, 21}, .depth = 6});
+        // But for the ray to the very place.
+        CHECK(compare(got.film, want.film).clearly_different <= 1);
+    }
+}
+
+TEST_CASE("light along a surface shows as a highlight") {
+    SceneBuilder b;
+    LocalTexture shiny = matte(0);
+    shiny.krl = {0.4, 0.3, 0.2}, shiny.ns = 5;
+    b.aggregate({b.solid(Plane{{0, 0, -2}, {0, 0, 1}}, shiny)});
+    b.scene.world.ambient_light = {};
+    b.scene.world.lights = {DirectionalLight{{0, -1, 0}, {0.3, 0.5, 0.7}}};
+    std::get<HorizontalCamera>(b.scene.camera).direction = {1, 1, 0};
+    const RenderSettings settings{.size = {15, 15}};
+    check_same(b.scene, settings);
+    const auto drawn = draw(b.scene, Kernel::fast, settings);
+    REQUIRE(drawn.has_value());
+    CHECK(std::ranges::any_of(drawn->film.pixels(), [](float f) { return f > 0.04F; }));
+}
+
 TEST_CASE("balls that stand apart miss no overlap with glass") {
     SceneBuilder b;
     std::vector<SolidIndex> members;
