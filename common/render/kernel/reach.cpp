@@ -46,11 +46,11 @@ void Reach::find_glass() {
 /// that does not displace it: where glass ends that had displaced it, or had nothing to do with it.
 void Reach::find_covers() {
     const auto take = [&](std::vector<std::size_t>& from, const auto& is_entered) {
-        const auto entered = std::ranges::stable_partition(
-            from, [&](std::size_t leaf) { return !is_entered(leaf); });
-        const bool any = !entered.empty();
-        enterable_.insert(enterable_.end(), entered.begin(), entered.end());
-        from.erase(entered.begin(), entered.end());
+        const auto entered = std::stable_partition(
+            from.begin(), from.end(), [&](std::size_t leaf) { return !is_entered(leaf); });
+        const bool any = entered != from.end();
+        enterable_.insert(enterable_.end(), entered, from.end());
+        from.erase(entered, from.end());
         return any;
     };
     const auto reached_from_outside = [&](std::size_t glass) {
