@@ -63,7 +63,9 @@ void Reach::find_covers() {
             return !scene_.displaces(leaf, from) && holds(leaf, bounds_[from]) != Holds::never;
         });
     };
-    while (take(glass_, reached_from_outside) | take(covers_, reached_from_within)) {
+    for (bool any = true; any;) {
+        const bool glass = take(glass_, reached_from_outside);
+        any = take(covers_, reached_from_within) || glass;
     }
 }
 
