@@ -345,11 +345,11 @@ public:
     [[nodiscard]] bool empty() const { return top_ == 0; }
     [[nodiscard]] int size() const { return top_; }
     Entry pop() { return entries_[--top_]; }
-    void push(const Entry& entry) { entries_[top_++] = entry; }
-    /// Among those from `bottom` on the nearest is last.
+    /// If `ordered`, among those from `bottom` on the nearest is last.
+    template <bool ordered>
     void push(const Entry& entry, int bottom) {
         int place = top_++;
-        for (; place > bottom && entries_[place - 1].near < entry.near; --place)
+        for (; ordered && place > bottom && entries_[place - 1].near < entry.near; --place)
             entries_[place] = entries_[place - 1];
         entries_[place] = entry;
     }
@@ -364,7 +364,7 @@ template <bool any_hit>
 bool PacketTracer::traverse_alone(Packet& packet, unsigned ray, std::int32_t child) {
     const unsigned rays = 1u << ray;
     BoxStack stack;
-    stack.push({child, rays, 0}, 0);
+    stack.push<false>({child, rays, 0}, 0);
     bool hit = false;
     while (!stack.empty()) {
         const BoxStack::Entry at = stack.pop();
@@ -381,13 +381,11 @@ bool PacketTracer::traverse_alone(Packet& packet, unsigned ray, std::int32_t chi
         const Boxes met = boxes_met(node, ray);
         float near[bvh_width];
         std::memcpy(near, &met.near, sizeof near);
-        [[maybe_unused]] const int bottom = stack.size();
+        const int bottom = stack.size();
         for (unsigned boxes = met.which; boxes != 0; boxes &= boxes - 1) {
             const auto i = static_cast<std::size_t>(__builtin_ctz(boxes));
-            if constexpr (any_hit) // whichever comes first
-                stack.push({node.child[i], rays, near[i]});
-            else
-                stack.push({node.child[i], rays, near[i]}, bottom);
+            // Any hit will do: whichever comes first.
+            stack.push<!any_hit>({node.child[i], rays, near[i]}, bottom);
         }
     }
     return hit;
@@ -494,7 +492,7 @@ unsigned PacketTracer::traverse(Packet& packet, unsigned active) {
         }
     };
     BoxStack stack;
-    stack.push({0, active, 0}, 0);
+    stack.push<false>({0, active, 0}, 0);
     while (!stack.empty() && active != 0) {
         const BoxStack::Entry at = stack.pop();
         const unsigned rays = at.rays & active;
@@ -521,15 +519,11 @@ unsigned PacketTracer::traverse(Packet& packet, unsigned active) {
         }
         float near[bvh_width];
         std::memcpy(near, &candidates.near, sizeof near);
-        [[maybe_unused]] const int bottom = stack.size();
+        const int bottom = stack.size();
         for (unsigned boxes = candidates.which; boxes != 0; boxes &= boxes - 1) {
             const auto i = static_cast<std::size_t>(__builtin_ctz(boxes));
-            if (met[i] == 0)
-                continue;
-            if constexpr (any_hit)
-                stack.push({node.child[i], met[i], near[i]});
-            else
-                stack.push({node.child[i], met[i], near[i]}, bottom);
+            if (met[i] != 0)
+                stack.push<!any_hit>({node.child[i], met[i], near[i]}, bottom);
         }
     }
     return blocked;

@@ -65,22 +65,6 @@ Vec3 leftwards(const Vec3& dir) {
     return is_finite(left) ? left : Vec3{0, 1, 0};
 }
 
-SphereSurface surface_of(const Sphere& sphere, const Vec3& center) {
-    SphereSurface s{};
-    put(s.center, sphere.center - center);
-    s.radius = std::abs(sphere.radius);
-    return s;
-}
-
-std::vector<SphereSurface> surfaces_of(const std::vector<SphereApart>& spheres,
-                                       const Vec3& center) {
-    std::vector<SphereSurface> surfaces;
-    surfaces.reserve(spheres.size());
-    for (const SphereApart& apart : spheres)
-        surfaces.push_back(surface_of(apart.sphere, center));
-    return surfaces;
-}
-
 std::uint64_t bit(std::size_t index) {
     return std::uint64_t{1} << (index & 63);
 }
@@ -99,18 +83,18 @@ std::unique_ptr<const Program> Program::compile(const Scene& scene, const SolidL
     std::set<SolidIndex> listed;
     for (;;) {
         std::unique_ptr<Program> program(new Program(scene, limits, listed, center_of(scene)));
-        if (!program->build(scene))
+        if (!program->collect(scene))
             return nullptr;
-        const auto back = program->back_into_the_list(limits);
+        const auto back = program->leave_out_hidden(limits);
         if (back.empty()) {
-            program->spheres_apart_ = {};
+            program->build();
             return program;
         }
         listed.insert(back.begin(), back.end());
     }
 }
 
-bool Program::build(const Scene& scene) {
+bool Program::collect(const Scene& scene) {
     add_camera(scene);
     const std::vector<BoundingSphere> starts = screen();
     const auto is_outside = [&](const Sphere& sphere) {
@@ -126,13 +110,18 @@ bool Program::build(const Scene& scene) {
     materials_ = collect_materials(scene);
     solid_leaves_ = std::move(*leaves);
     spheres_apart_ = solids_.take_spheres_apart();
+    for (const SphereApart& apart : spheres_apart_)
+        apart_surfaces_.push_back(surface_of(apart.sphere, vec(tables_.center)));
     tables_.ambient_index = *ambient;
     put(tables_.ambient, scene.world.ambient_light);
     tables_.any_ambient = scene.world.ambient_light != Rgb{};
     put(tables_.background, scene.world.background_light);
     add_lights(scene);
     add_surfaces();
-    leave_out_hidden(starts);
+    return true;
+}
+
+void Program::build() {
     sort_leaves();
     build_hierarchy();
     add_leaves();
@@ -142,7 +131,6 @@ bool Program::build(const Scene& scene) {
         for (Light& light : lights_)
             find_filler(light);
     point_tables();
-    return true;
 }
 
 // ------------------------------------------------------------------------------ surfaces, leaves
@@ -186,8 +174,11 @@ void Program::add_surfaces() {
     renumber(solid_leaves_, surfaces_.new_number);
 }
 
-/// Of solids that no ray can reach nothing is kept, nor of surfaces that only they have.
-void Program::leave_out_hidden(const std::vector<BoundingSphere>& starts) {
+/// Of solids that no ray can reach nothing is kept, nor of surfaces that only they have. Answers
+/// which solids should not stand apart after all: rays can be in glass when they meet them, or they
+/// are few, since others are hidden.
+std::vector<SolidIndex> Program::leave_out_hidden(const SolidLimits& limits) {
+    const std::vector<BoundingSphere> starts = screen();
     const Reach::Scene scene{solid_leaves_,
                              surfaces_,
                              materials_,
@@ -199,16 +190,21 @@ void Program::leave_out_hidden(const std::vector<BoundingSphere>& starts) {
                              }};
     const Reach reach(scene);
     tables_.camera_is_outside = reach.camera_is_outside();
-    erase_marked(spheres_apart_,
-                 reach.hidden_spheres(surfaces_of(spheres_apart_, vec(tables_.center))));
-    for (const SphereSurface& sphere : surfaces_of(spheres_apart_, vec(tables_.center)))
-        meets_glass_.push_back(reach.meets_glass(sphere));
+    const std::vector<bool> hidden = reach.hidden_spheres(apart_surfaces_);
+    erase_marked(spheres_apart_, hidden);
+    erase_marked(apart_surfaces_, hidden);
+    std::vector<SolidIndex> back;
+    for (std::size_t i = 0; i < spheres_apart_.size(); ++i)
+        if (spheres_apart_.size() < limits.spheres_apart_min ||
+            reach.meets_glass(apart_surfaces_[i]))
+            back.push_back(spheres_apart_[i].solid);
     erase_marked(solid_leaves_, reach.hidden_leaves());
     std::vector<bool> used(surfaces_.size(), false);
     for (const SolidLeaf& leaf : solid_leaves_)
         for (const LeafSurface& s : leaf.surfaces)
             used[s.side.surface] = true;
     renumber(solid_leaves_, surfaces_.keep(used));
+    return back;
 }
 
 /// The leaf of a surface gets its number, where all are such.
@@ -221,25 +217,16 @@ void Program::sort_leaves() {
 }
 
 void Program::build_hierarchy() {
-    const std::vector<SphereSurface> spheres = surfaces_of(spheres_apart_, vec(tables_.center));
-    bvh_ = build_bvh(spheres);
-    bvh_spheres_.reserve(spheres.size());
-    bvh_materials_.reserve(spheres.size());
+    bvh_ = build_bvh(apart_surfaces_);
+    bvh_spheres_.reserve(apart_surfaces_.size());
+    bvh_materials_.reserve(apart_surfaces_.size());
     for (const std::uint32_t i : bvh_.order) {
-        bvh_spheres_.push_back(spheres[i]);
+        bvh_spheres_.push_back(apart_surfaces_[i]);
         bvh_materials_.push_back(materials_[spheres_apart_[i].texture]);
     }
     bvh_.order = {};
-}
-
-/// Solids that should not stand apart: rays can be in glass when they meet them, or they are few,
-/// since others are hidden.
-std::vector<SolidIndex> Program::back_into_the_list(const SolidLimits& limits) const {
-    std::vector<SolidIndex> back;
-    for (std::size_t i = 0; i < spheres_apart_.size(); ++i)
-        if (spheres_apart_.size() < limits.spheres_apart_min || meets_glass_[i])
-            back.push_back(spheres_apart_[i].solid);
-    return back;
+    apart_surfaces_ = {};
+    spheres_apart_ = {};
 }
 
 void Program::add_leaves() {
@@ -409,10 +396,8 @@ std::vector<BoundingSphere> Program::screen() const {
 }
 
 void Program::find_features() {
-    bool enterable = false;
-    for (const Patch& patch : patches_) {
-        enterable |= materials_.table[patch.material_out].glass;
-    }
+    const bool enterable = std::ranges::any_of(
+        patches_, [&](const Patch& patch) { return materials_.table[patch.material_out].glass; });
     for (std::uint32_t surface = 0; surface < surfaces_.size(); ++surface) {
         std::set<std::uint32_t> leaves;
         for (std::uint32_t u = user_begin_[surface]; u < user_begin_[surface + 1]; ++u)

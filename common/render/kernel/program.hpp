@@ -36,14 +36,16 @@ public:
 private:
     Program(const Scene& scene, const SolidLimits& limits, const std::set<SolidIndex>& listed,
             const Vec3& center);
-    bool build(const Scene& scene);
+    /// What there is; false for what compile() gives nothing for.
+    bool collect(const Scene& scene);
+    /// The tables, of what is left.
+    void build();
 
     [[nodiscard]] std::vector<BoundingSphere> screen() const;
     void add_surfaces();
-    void leave_out_hidden(const std::vector<BoundingSphere>& starts);
+    std::vector<SolidIndex> leave_out_hidden(const SolidLimits& limits);
     void sort_leaves();
     void build_hierarchy();
-    [[nodiscard]] std::vector<SolidIndex> back_into_the_list(const SolidLimits& limits) const;
     void add_leaves();
     void add_leaf(const SolidLeaf& leaf);
     Node node_of(const Expression& e);
@@ -57,8 +59,8 @@ private:
     SurfaceCollector collector_;
     SolidCollector solids_;
     std::vector<SolidLeaf> solid_leaves_;
-    std::vector<SphereApart> spheres_apart_; ///< until all is built
-    std::vector<bool> meets_glass_;          ///< of each of them
+    std::vector<SphereApart> spheres_apart_;    ///< until their hierarchy is built
+    std::vector<SphereSurface> apart_surfaces_; ///< likewise
 
     Bvh bvh_;
     std::vector<SphereSurface> bvh_spheres_;

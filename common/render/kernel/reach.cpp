@@ -73,35 +73,38 @@ Holds Reach::holds(std::size_t leaf, const BoundingSphere& places) const {
     return holds_throughout(places, scene_.leaves[leaf].inside, scene_.surfaces);
 }
 
-bool Reach::is_hidden(const BoundingSphere& bounds) const {
-    return bounds.radius < 0 || beside_the_picture(bounds) ||
-           std::ranges::any_of(
-               covers_, [&](std::size_t cover) { return holds(cover, bounds) == Holds::always; });
-}
-
-bool Reach::beside_the_picture(const BoundingSphere& bounds) const {
-    Beam beam;
-    if (!only_camera_rays_ || !camera_is_outside_ ||
-        !beam_through(scene_.camera, {0, 1}, {0, 1}, beam))
-        return false;
-    double center[3];
-    put(center, bounds.center);
-    return beam.misses(center, bounds.radius);
+std::vector<bool> Reach::hidden(const std::vector<BoundingSphere>& solids) const {
+    Beam picture;
+    const bool see_picture = only_camera_rays_ && camera_is_outside_ &&
+                             beam_through(scene_.camera, {0, 1}, {0, 1}, picture);
+    const auto beside_the_picture = [&](const BoundingSphere& bounds) {
+        double center[3];
+        put(center, bounds.center);
+        return see_picture && picture.misses(center, bounds.radius);
+    };
+    const auto covered = [&](const BoundingSphere& bounds) {
+        return std::ranges::any_of(
+            covers_, [&](std::size_t cover) { return holds(cover, bounds) == Holds::always; });
+    };
+    std::vector<bool> hidden;
+    hidden.reserve(solids.size());
+    for (const BoundingSphere& bounds : solids)
+        hidden.push_back(bounds.radius < 0 || beside_the_picture(bounds) || covered(bounds));
+    return hidden;
 }
 
 std::vector<bool> Reach::hidden_leaves() const {
-    std::vector<bool> hidden;
-    for (const BoundingSphere& bounds : bounds_)
-        hidden.push_back(is_hidden(bounds));
-    return hidden;
+    return hidden(bounds_);
 }
 
 std::vector<bool> Reach::hidden_spheres(const std::vector<SphereSurface>& spheres) const {
-    std::vector<bool> hidden(spheres.size(), false);
-    if (covers_.size() * spheres.size() <= hidden_pairs_max)
-        for (std::size_t i = 0; i < spheres.size(); ++i)
-            hidden[i] = is_hidden(around(spheres[i]));
-    return hidden;
+    if (covers_.size() * spheres.size() > hidden_pairs_max)
+        return std::vector<bool>(spheres.size(), false);
+    std::vector<BoundingSphere> bounds;
+    bounds.reserve(spheres.size());
+    for (const SphereSurface& sphere : spheres)
+        bounds.push_back(around(sphere));
+    return hidden(bounds);
 }
 
 bool Reach::meets_glass(const SphereSurface& sphere) const {

@@ -24,7 +24,7 @@ public:
         const SurfaceCollector::Sorted& surfaces;
         const Materials& materials;
         const CameraTable& camera;
-        std::vector<BoundingSphere> starts; ///< around the places where camera rays start
+        const std::vector<BoundingSphere>& starts; ///< around the places where camera rays start
         bool any_lights;
         std::function<bool(std::size_t, std::size_t)> displaces; ///< of leaves, by number
     };
@@ -42,8 +42,7 @@ private:
     void find_covers();
     /// What the leaf's formula is at all these places.
     [[nodiscard]] Holds holds(std::size_t leaf, const BoundingSphere& places) const;
-    [[nodiscard]] bool is_hidden(const BoundingSphere& bounds) const;
-    [[nodiscard]] bool beside_the_picture(const BoundingSphere& bounds) const;
+    [[nodiscard]] std::vector<bool> hidden(const std::vector<BoundingSphere>& solids) const;
 
     const Scene& scene_;
     std::vector<BoundingSphere> bounds_; ///< by leaf

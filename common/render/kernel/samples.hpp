@@ -35,8 +35,7 @@ inline TileResult TileTracer::draw(const TileJob& job, const TileControl& contro
     pixel_truncated_ = budget_spent_ = background_known_ = false;
     spheres_.count_from_zero();
     report_now(); // stopped already?
-    const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
-    const std::uint64_t per_pixel = n * n;
+    const std::uint64_t per_pixel = samples_per_pixel();
     const std::uint32_t side = block_side(per_pixel);
     for (std::uint32_t y = 0; y < job_.height; y += side)
         for (std::uint32_t x = 0; x < job_.width; x += side)
@@ -86,7 +85,7 @@ inline void TileTracer::draw_block(const Block& block) {
 
 /// From samples to pixels; of a pixel whose samples are in several blocks with the last.
 inline void TileTracer::collect(const Block& block) {
-    const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
+    const std::uint64_t per_pixel = samples_per_pixel();
     const double weight = 1.0 / static_cast<double>(per_pixel);
     const bool last = block.first + block.count == per_pixel;
     std::size_t sample = 0;
@@ -141,7 +140,7 @@ inline void TileTracer::show_background(const Block& block) {
     if (block.first > 0)
         return; // they are drawn already
     if (!background_known_) {
-        const std::uint64_t per_pixel = job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
+        const std::uint64_t per_pixel = samples_per_pixel();
         const double weight = 1.0 / static_cast<double>(per_pixel);
         for (std::size_t c = 0; c < 3; ++c) {
             double sum = 0;
@@ -197,9 +196,7 @@ inline void TileTracer::place_samples(const Block& block) {
 
 inline void TileTracer::start_wave(const Block& block) {
     const std::size_t samples = rays_of_.size();
-    // A camera outside of every leaf is outside of every surface where these are the same.
-    sides_are_known_ = tables_.camera_is_outside && tables_.leaf_is_surface;
-    if (tables_.stateful && !sides_are_known_)
+    if (tables_.stateful && !starts_are_outside())
         walker_.look_at_all();
     wave_.depth = job_.depth;
     wave_.rays.reserve(samples);
@@ -242,7 +239,7 @@ inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
     store(rays.fillers() + at, all_lanes(std::int64_t{none}));
     if (!tables_.stateful)
         return;
-    if (sides_are_known_) {
+    if (starts_are_outside()) {
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             store(rays.inside(w) + at, WideInt{});
         return;

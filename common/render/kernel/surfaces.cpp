@@ -34,6 +34,13 @@ Vec3 off_axis(const Vec3& p, const Vec3& unit_axis) {
 
 } // namespace
 
+SphereSurface surface_of(const Sphere& sphere, const Vec3& center) {
+    SphereSurface s{};
+    put(s.center, sphere.center - center);
+    s.radius = std::abs(sphere.radius);
+    return s;
+}
+
 SurfaceCollector::Key SurfaceCollector::key_of(SurfaceKind kind,
                                                std::initializer_list<double> numbers) {
     Key key{static_cast<std::uint64_t>(kind)};
@@ -59,9 +66,7 @@ Side SurfaceCollector::add(const Form& form, bool complement) {
 }
 
 Side SurfaceCollector::add(const Sphere& s, bool complement) {
-    SphereSurface entry{};
-    put(entry.center, s.center - center_);
-    entry.radius = std::abs(s.radius);
+    const SphereSurface entry = surface_of(s, center_);
     const Key key = key_of(SurfaceKind::sphere,
                            {entry.center[0], entry.center[1], entry.center[2], entry.radius});
     return {add(SurfaceKind::sphere, spheres_, key, entry), complement};

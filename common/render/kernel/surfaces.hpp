@@ -75,4 +75,7 @@ private:
 
 [[nodiscard]] double side_of(const SphereSurface& s, const Vec3& p);
 
+/// `center` is subtracted from its place.
+[[nodiscard]] SphereSurface surface_of(const Sphere& sphere, const Vec3& center);
+
 } // namespace fraja::kernel

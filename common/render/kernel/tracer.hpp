@@ -68,6 +68,13 @@ private:
     // samples.hpp
     void draw_block(const Block& block);
     void show_background(const Block& block);
+    [[nodiscard]] std::uint64_t samples_per_pixel() const {
+        return job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
+    }
+    /// A camera outside of every leaf is outside of every surface where these are the same.
+    [[nodiscard]] bool starts_are_outside() const {
+        return tables_.camera_is_outside && tables_.leaf_is_surface;
+    }
     void place_samples(const Block& block);
     void start_wave(const Block& block);
     void camera_rays(const Wide x, const Wide y, std::size_t at);
@@ -166,7 +173,6 @@ private:
     View view_ = View::everything;
     Beam beam_{};                       ///< they are in it, but where they may meet everything
     std::int32_t plane_in_view_ = none; ///< where they all meet one
-    bool sides_are_known_ = false;      ///< of their starts: outside of every surface
     bool spheres_in_view_ = false;      ///< of those apart; of the wave at work
     Wave wave_;
     RayQueue next_;

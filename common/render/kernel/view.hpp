@@ -24,7 +24,7 @@ inline TileTracer::View TileTracer::look_through(const Block& block) {
     if (!walker_.look_along(beam_, none, false) && !spheres_in_view_)
         return View::nothing;
     // What else depends on a hit, rays with state would have to be told.
-    const bool told = !tables_.stateful || tables_.leaf_is_surface;
+    const bool told = !tables_.stateful || starts_are_outside();
     if (told && !spheres_in_view_)
         if (const std::int32_t plane = walker_.only_plane();
             plane != none &&
