@@ -231,17 +231,19 @@ std::vector<Change> walk(const kernel::Tables& tables, const std::vector<std::in
                         : solid_of[static_cast<std::size_t>(leaf)];
     };
     const auto filler_now = [&] {
-        return std::int64_t{kernel::filler_of(tables, kernel::LaneSet(walker.find_leaves(), 0))};
+        return std::int64_t{
+            kernel::filler_of(tables, kernel::LaneSet(walker.find_leaves<true>(), 0))};
     };
     std::int64_t filler = filler_now();
     std::vector<Change> changes{{0, solid(filler)}};
     Quad way = 0;
     constexpr std::size_t changes_max = 200; // three trees of at most 27 surfaces have fewer
     while (changes.size() < changes_max) {
-        const auto found = walker.first_change(rays, kernel::all_lanes(filler), kernel::never());
+        const auto found =
+            walker.first_change<true>(rays, kernel::all_lanes(filler), kernel::never());
         if (found.leaf[0] < 0)
             break;
-        walker.settle(found, ~kernel::Mask{});
+        walker.settle<true>(found, ~kernel::Mask{});
         const std::int64_t surface = found.surface[0];
         const auto word = static_cast<std::size_t>(surface >> 6);
         const auto bit = static_cast<std::int64_t>(std::uint64_t{1} << (surface & 63));
@@ -283,9 +285,10 @@ bool first_is_found(const kernel::Tables& tables, const std::vector<std::int32_t
     kernel::Walker walker(tables);
     const kernel::WideRays rays{in_all_lanes(start), in_all_lanes(dir),
                                 kernel::all_lanes(std::int64_t{none})};
-    const auto found = walker.first_entry(rays, kernel::never());
+    const auto found = walker.first_entry<true>(rays, kernel::never());
     const auto met_before = [&](double t) {
-        return kernel::any(walker.meets_anything(rays, ~kernel::Mask{}, kernel::all_lanes(t)));
+        return kernel::any(
+            walker.meets_anything<true>(rays, ~kernel::Mask{}, kernel::all_lanes(t)));
     };
     const double t = found.t[0];
     if (want.size() == 1)

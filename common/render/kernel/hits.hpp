@@ -9,37 +9,44 @@
 namespace fraja::kernel {
 namespace {
 
-inline void TileTracer::trace() {
+template <Features has>
+inline void TileTracer<has>::trace() {
     const std::size_t n = wave_.rays.size();
     keys_.resize(n + packet_rays);
     sides_.resize(n + packet_rays, {none, none});
     spheres_met_.resize(n + packet_rays);
     if (wave_.depth < job_.depth) {
         walker_.look_at_all();
-        spheres_in_view_ = tables_.bvh != nullptr;
+        spheres_in_view_ = apart();
     } else if (view_ == View::one_plane) {
         return meet_plane(plane_in_view_);
     }
     Packet packet;
     for (std::size_t i = 0; i < n && going_on(); i += packet_rays) {
-        if (tables_.stateful)
-            trace_stateful(i, packet);
-        else
-            trace_stateless(i, packet);
+        trace_packet(i, packet);
         report(std::min<std::size_t>(packet_rays, n - i));
     }
     result_.counts.form_tests += std::uint64_t{n} * walker_.surfaces_in_view();
+}
+
+template <Features has>
+inline void TileTracer<has>::trace_packet(std::size_t i, Packet& packet) {
+    if constexpr (has.state)
+        if (tables_.stateful)
+            return trace_stateful(i, packet);
+    trace_stateless(i, packet);
 }
 
 inline unsigned packet_mask(std::size_t rays) {
     return rays >= packet_rays ? (1u << packet_rays) - 1 : (1u << rays) - 1;
 }
 
-inline void TileTracer::trace_stateless(std::size_t i, Packet& packet) {
+template <Features has>
+inline void TileTracer<has>::trace_stateless(std::size_t i, Packet& packet) {
     RayQueue& rays = wave_.rays;
     for (std::size_t g = 0; g < packet_groups; ++g) {
         packet.rays[g] = rays.rays_at(i + g * lanes);
-        const Walker::Found found = walker_.first_entry(packet.rays[g], never());
+        const Walker::Found found = walker_.first_entry<has.composites>(packet.rays[g], never());
         packet.t[g] = found.t;
         packet.surface[g] =
             select(found.surface < 0, all_lanes(std::int64_t{none}), all_lanes(leaf_instead));
@@ -61,7 +68,8 @@ inline void TileTracer::trace_stateless(std::size_t i, Packet& packet) {
 }
 
 /// Writes down which rays of a packet met a sphere that stands apart.
-inline void TileTracer::meet_spheres(std::size_t i, const Packet& packet) {
+template <Features has>
+inline void TileTracer<has>::meet_spheres(std::size_t i, const Packet& packet) {
     for (std::size_t ray = 0; ray < packet_rays; ++ray) {
         const std::int64_t surface = packet.surface[ray / lanes][ray % lanes];
         if (surface < 0 || surface == leaf_instead)
@@ -75,8 +83,9 @@ inline void TileTracer::meet_spheres(std::size_t i, const Packet& packet) {
 
 /// The key of a hit: which patch, from which side. A leaf can have a surface twice, inside and
 /// outside of it.
-inline std::uint32_t TileTracer::key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
-                                        bool outwards) const {
+template <Features has>
+inline std::uint32_t TileTracer<has>::key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
+                                             bool outwards) const {
     const std::uint32_t* user = tables_.users + tables_.user_begin[surface];
     const std::uint32_t* const end = tables_.users + tables_.user_begin[surface + 1];
     std::uint32_t found = *user;
@@ -92,7 +101,8 @@ inline std::uint32_t TileTracer::key_of(std::int64_t surface, std::int64_t leaf,
     return 2 * found + leaving;
 }
 
-inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
+template <Features has>
+inline void TileTracer<has>::trace_stateful(std::size_t i, Packet& packet) {
     RayQueue& rays = wave_.rays;
     const std::size_t used = std::min<std::size_t>(packet_rays, rays.size() - i);
     unsigned outside = 0; // of everything: only those see the spheres that stand apart
@@ -111,16 +121,18 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             bits[w] = load(rays.inside(w) + at);
         const WideInt filler = load(rays.fillers() + at);
-        if (tables_.leaf_is_surface && !any(filler != all_lanes(std::int64_t{none}))) {
+        if (!composites() && !any(filler != all_lanes(std::int64_t{none}))) {
             enter_from_outside(at, std::min<std::size_t>(lanes, used - g * lanes), packet.rays[g],
                                packet.t[g], packet.surface[g]);
             continue;
         }
-        const Walker::Found found = walker_.first_change(packet.rays[g], filler, packet.t[g]);
+        const Walker::Found found =
+            walker_.first_change<has.composites>(packet.rays[g], filler, packet.t[g]);
         if (const Mask lost = (filler == all_lanes(std::int64_t{unresolved})) & (found.leaf >= 0);
             any(lost))
-            return fail_overlap(LaneSet(walker_.find_leaves(), __builtin_ctz(bits_of(lost))));
-        walker_.settle(found, (found.leaf >= 0) | (packet.surface[g] >= 0));
+            return fail_overlap(
+                LaneSet(walker_.find_leaves<has.composites>(), __builtin_ctz(bits_of(lost))));
+        walker_.settle<has.composites>(found, (found.leaf >= 0) | (packet.surface[g] >= 0));
         for (std::uint32_t w = 0; w < rays.words(); ++w)
             store(rays.inside(w) + at, bits[w]);
         const WideInt* leaves = nullptr; // just before the hits, once they are asked for
@@ -141,7 +153,7 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
                 continue;
             }
             if (!leaves)
-                leaves = walker_.find_leaves();
+                leaves = walker_.find_leaves<has.composites>();
             fill(at + lane, LaneSet(leaves, l), found.leaf[l], surface);
         }
     }
@@ -149,9 +161,10 @@ inline void TileTracer::trace_stateful(std::size_t i, Packet& packet) {
 }
 
 /// Of rays outside of everything, which is outside of every surface: no bits change.
-inline void TileTracer::enter_from_outside(std::size_t at, std::size_t used, const WideRays& rays,
-                                           Wide limit, WideInt& sphere) {
-    const Walker::Found found = walker_.first_entry(rays, limit);
+template <Features has>
+inline void TileTracer<has>::enter_from_outside(std::size_t at, std::size_t used,
+                                                const WideRays& rays, Wide limit, WideInt& sphere) {
+    const Walker::Found found = walker_.first_entry<has.composites>(rays, limit);
     for (std::size_t lane = 0; lane < used; ++lane) {
         const std::int64_t surface = found.surface[lane];
         keys_[at + lane] = surface < 0 ? miss_key() : tables_.entry_keys[surface];
@@ -163,8 +176,9 @@ inline void TileTracer::enter_from_outside(std::size_t at, std::size_t used, con
 }
 
 /// What fills the space on both sides of a hit. `before`: the leaves just before it.
-inline void TileTracer::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
-                             std::int64_t surface) {
+template <Features has>
+inline void TileTracer<has>::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
+                                  std::int64_t surface) {
     std::int64_t& filler = wave_.rays.fillers()[ray];
     const bool leaving = leaf == filler;
     Sides& sides = sides_[ray];
@@ -189,7 +203,9 @@ inline void TileTracer::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
 }
 
 /// The leaves on the other side of a surface that several share.
-inline std::uint64_t TileTracer::crossed(std::size_t ray, std::int64_t surface, std::uint32_t w) {
+template <Features has>
+inline std::uint64_t TileTracer<has>::crossed(std::size_t ray, std::int64_t surface,
+                                              std::uint32_t w) {
     const auto inside = [&](std::uint32_t s) {
         const bool is_inside = (wave_.rays.inside(s >> 6)[ray] >> (s & 63) & 1) != 0;
         return is_inside != (s == static_cast<std::uint32_t>(surface));
@@ -203,11 +219,12 @@ inline std::uint64_t TileTracer::crossed(std::size_t ray, std::int64_t surface, 
 
 /// By key; of one key, hits on spheres that stand apart by where in the hierarchy these are, so
 /// that neighbours lie together and their shadow and mirror rays meet the same boxes; else by ray.
-inline void TileTracer::sort_hits() {
+template <Features has>
+inline void TileTracer<has>::sort_hits() {
     const std::size_t n = wave_.rays.size();
     order_.resize(n);
     std::iota(order_.begin(), order_.end(), 0u);
-    if (tables_.bvh)
+    if (apart())
         sort_stably(sphere_places, [&](std::uint32_t ray) {
             if (keys_[ray] < patch_keys() || keys_[ray] == miss_key())
                 return 0u;
@@ -225,8 +242,9 @@ inline void TileTracer::sort_hits() {
 }
 
 /// Sorts `order_` by number_of(ray), less than `numbers`.
+template <Features has>
 template <class F>
-inline void TileTracer::sort_stably(std::size_t numbers, F&& number_of) {
+inline void TileTracer<has>::sort_stably(std::size_t numbers, F&& number_of) {
     number_begin_.assign(numbers + 1, 0u);
     for (const std::uint32_t ray : order_)
         ++number_begin_[number_of(ray) + 1];

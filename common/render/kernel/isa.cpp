@@ -6,7 +6,7 @@
 #include "common/render/kernel/tracer.hpp"
 #include "common/render/kernel/view.hpp"
 
-#include <memory>
+#include <variant>
 
 #if !defined(FRAJA_KERNEL_ENTRY) || !defined(FRAJA_KERNEL_ISA)
 #error "FRAJA_KERNEL_ENTRY and FRAJA_KERNEL_ISA say what is being compiled"
@@ -15,12 +15,45 @@
 namespace fraja::kernel {
 namespace {
 
+// A kernel each; a scene is drawn by the first that has what it needs.
+constexpr Features opaque{false, false, false}, opaque_apart{false, false, true};
+constexpr Features glass{true, false, false};
+constexpr Features everything{true, true, true};
+
+template <Features has>
+bool serves(const Tables& tables) {
+    return (has.state || !tables.stateful) && (has.composites || tables.leaf_is_surface) &&
+           (has.apart || tables.bvh == nullptr);
+}
+
+/// f.operator()<has>() with the features of the kernel for a scene.
+template <class F>
+auto with_features(const Tables& tables, F&& f) {
+    if (serves<opaque>(tables))
+        return f.template operator()<opaque>();
+    if (serves<opaque_apart>(tables))
+        return f.template operator()<opaque_apart>();
+    if (serves<glass>(tables))
+        return f.template operator()<glass>();
+    return f.template operator()<everything>();
+}
+
 /// A thread's tracer stays for its next tile: its buffers cost a small tile's time.
+using AnyTracer = std::variant<std::monostate, TileTracer<opaque>, TileTracer<opaque_apart>,
+                               TileTracer<glass>, TileTracer<everything>>;
+
 TileResult render_tile(const Tables& tables, const TileJob& job, const TileControl& control) {
-    thread_local std::unique_ptr<TileTracer> tracer;
-    if (!tracer || tracer->scene() != tables.scene)
-        tracer = std::make_unique<TileTracer>(tables);
-    return tracer->draw(job, control);
+    thread_local AnyTracer tracer;
+    return with_features(tables, [&]<Features has>() {
+        auto* kept = std::get_if<TileTracer<has>>(&tracer);
+        if (kept == nullptr || kept->scene() != tables.scene)
+            kept = &tracer.emplace<TileTracer<has>>(tables);
+        return kept->draw(job, control);
+    });
+}
+
+Features features_for(const Tables& tables) {
+    return with_features(tables, []<Features has>() { return has; });
 }
 
 } // namespace
@@ -28,4 +61,5 @@ TileResult render_tile(const Tables& tables, const TileJob& job, const TileContr
 
 extern "C" const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY;
 const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA, fraja::kernel::render_tile,
+                                                       fraja::kernel::features_for,
                                                        fraja::kernel::find_hits};

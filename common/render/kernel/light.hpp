@@ -8,35 +8,14 @@
 namespace fraja::kernel {
 namespace {
 
-/// Wide hits with one material.
-struct TileTracer::Group {
-    const Patch* patch; ///< null: on spheres that stand apart
-    const Material* material;
-    bool leaving;
-    const std::uint32_t* index; ///< of the rays; the last one stands for unused lanes
-    Mask active;
-};
-
-/// Wide rays at a surface.
-struct TileTracer::Incidence {
-    Group group;
-    WideInt owner; ///< the surface
-    Wide3 dir;
-    WideHit hit;      ///< its normal points out of the leaf
-    Wide cosine;      ///< of normal and ray
-    Wide3 mirror_dir; ///< not normalised
-    Wide3 coefficient;
-    Wide3 kd; ///< once it is needed
-    bool textured;
-    Wide3 light; ///< local, so far
-};
-
-inline TileTracer::TileTracer(const Tables& tables)
+template <Features has>
+inline TileTracer<has>::TileTracer(const Tables& tables)
     : tables_(tables), scene_(tables.scene), walker_(tables),
       spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
       batch_(batch_rays / lanes) {}
 
-inline void TileTracer::shade() {
+template <Features has>
+inline void TileTracer<has>::shade() {
     next_.reserve(2 * wave_.rays.size());
     const std::size_t n = wave_.rays.size();
     for (std::size_t begin = 0; begin < n && going_on();) {
@@ -53,7 +32,8 @@ inline void TileTracer::shade() {
     }
 }
 
-inline void TileTracer::add_background(const std::uint32_t* index, std::size_t count) {
+template <Features has>
+inline void TileTracer<has>::add_background(const std::uint32_t* index, std::size_t count) {
     RayQueue& rays = wave_.rays;
     for (std::size_t i = 0; i < count; ++i) {
         double* radiance = radiance_.data() + 3 * rays.samples()[index[i]];
@@ -63,15 +43,16 @@ inline void TileTracer::add_background(const std::uint32_t* index, std::size_t c
     }
 }
 
-inline void TileTracer::shade_batch(std::uint32_t key, const std::uint32_t* index,
-                                    std::size_t count) {
+template <Features has>
+inline void TileTracer<has>::shade_batch(std::uint32_t key, const std::uint32_t* index,
+                                         std::size_t count) {
     const std::size_t groups = (count + lanes - 1) / lanes;
     std::uint32_t padded[batch_rays + lanes];
     for (std::size_t i = 0; i < groups * lanes; ++i)
         padded[i] = index[std::min(i, count - 1)];
-    const bool apart = key >= patch_keys();
+    const bool apart = has.apart && key >= patch_keys();
     const Patch* const patch = apart ? nullptr : tables_.patches + key / 2;
-    const bool leaving = !apart && (key & 1) != 0;
+    const bool leaving = has.state && !apart && (key & 1) != 0;
     const std::uint32_t material = apart     ? key - patch_keys()
                                    : leaving ? patch->material_in
                                              : patch->material_out;
@@ -87,7 +68,8 @@ inline void TileTracer::shade_batch(std::uint32_t key, const std::uint32_t* inde
             send_on(batch_[g]);
 }
 
-inline TileTracer::Incidence TileTracer::meet(const Group& group) {
+template <Features has>
+inline Incidence TileTracer<has>::meet(const Group& group) {
     RayQueue& rays = wave_.rays;
     const auto column = [&](Column c) { return gather(rays.reals(c), group.index); };
     const Wide3 origin{column(origin_x), column(origin_y), column(origin_z)};
@@ -97,7 +79,7 @@ inline TileTracer::Incidence TileTracer::meet(const Group& group) {
     at.group = group;
     at.dir = dir;
     at.coefficient = {column(red), column(green), column(blue)};
-    if (const Patch* patch = group.patch) {
+    if (const Patch* patch = group.patch; !has.apart || patch) {
         at.owner = all_lanes(std::int64_t{patch->surface});
         const Mask outwards = group.leaving != patch->flipped ? ~Mask{} : Mask{};
         at.hit = with_surface(tables_, patch->surface, [&](const auto& surface) {
@@ -122,7 +104,8 @@ inline TileTracer::Incidence TileTracer::meet(const Group& group) {
 }
 
 /// A surface that nothing lights needs no texture.
-inline const Wide3& TileTracer::diffuse(Incidence& at) {
+template <Features has>
+inline const Wide3& TileTracer<has>::diffuse(Incidence& at) {
     if (!at.textured)
         at.kd = diffuse_at(*at.group.material, at.hit.place, tables_.center);
     at.textured = true;
@@ -130,7 +113,8 @@ inline const Wide3& TileTracer::diffuse(Incidence& at) {
 }
 
 /// Local light (6.3), times what becomes of it on the way to the eye.
-inline void TileTracer::add_light(std::size_t groups) {
+template <Features has>
+inline void TileTracer<has>::add_light(std::size_t groups) {
     const Material& material = *batch_[0].group.material;
     if (tables_.any_ambient)
         for (std::size_t g = 0; g < groups; ++g)
@@ -155,7 +139,8 @@ inline void TileTracer::add_light(std::size_t groups) {
 }
 
 /// Has the walker look at what may stand between a batch and a light; whether there is anything.
-inline bool TileTracer::look_towards(const Light& light, std::size_t groups) {
+template <Features has>
+inline bool TileTracer<has>::look_towards(const Light& light, std::size_t groups) {
     const auto owner = batch_[0].group.patch ? std::int64_t{batch_[0].group.patch->surface} : none;
     Wide3 low = batch_[0].hit.place, high = low;
     Mask outside = ~Mask{}; // of everything
@@ -163,7 +148,7 @@ inline bool TileTracer::look_towards(const Light& light, std::size_t groups) {
         const Wide3& p = batch_[g].hit.place;
         low = {lesser(p.x, low.x), lesser(p.y, low.y), lesser(p.z, low.z)};
         high = {greater(p.x, high.x), greater(p.y, high.y), greater(p.z, high.z)};
-        if (tables_.stateful)
+        if (stateful())
             outside &= gather(wave_.rays.fillers(), batch_[g].group.index) ==
                        all_lanes(std::int64_t{none});
     }
@@ -199,8 +184,9 @@ inline bool TileTracer::look_towards(const Light& light, std::size_t groups) {
 }
 
 /// A light on some groups of the batch.
-inline void TileTracer::add_light_of(const Light& light, std::size_t first, std::size_t groups,
-                                     bool may_be_shadowed) {
+template <Features has>
+inline void TileTracer<has>::add_light_of(const Light& light, std::size_t first, std::size_t groups,
+                                          bool may_be_shadowed) {
     Incidence* const at = batch_.data() + first;
     const Material& material = *at->group.material;
     Packet shadows;
@@ -230,7 +216,7 @@ inline void TileTracer::add_light_of(const Light& light, std::size_t first, std:
         asked += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
     result_.counts.shadow += asked;
     report(asked);
-    if (may_be_shadowed || tables_.bvh)
+    if (may_be_shadowed || apart())
         cast_shadows(at, groups, shadows, lit);
     const Wide3 rgb = all_lanes3(light.rgb);
     for (std::size_t g = 0; g < groups; ++g) {
@@ -246,35 +232,28 @@ inline void TileTracer::add_light_of(const Light& light, std::size_t first, std:
 }
 
 /// Of the lanes that a light could light, leaves those that it does.
-inline void TileTracer::cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows,
-                                     Mask* lit) {
+template <Features has>
+inline void TileTracer<has>::cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows,
+                                          Mask* lit) {
     std::uint64_t count = 0;
     unsigned outside = 0;
     for (std::size_t g = 0; g < groups; ++g) {
         if (!any(lit[g]))
             continue;
         WideInt filler = all_lanes(std::int64_t{none});
-        if (tables_.stateful)
+        if (stateful())
             filler = gather(wave_.rays.fillers(), at[g].group.index);
         count += static_cast<unsigned>(__builtin_popcount(bits_of(lit[g])));
         const Mask inside = lit[g] & (filler != all_lanes(std::int64_t{none}));
-        if (!tables_.stateful || (tables_.leaf_is_surface && !any(inside))) {
-            lit[g] &= ~walker_.meets_anything(shadows.rays[g], lit[g], shadows.t[g]);
-        } else {
-            for (std::uint32_t w = 0; w < tables_.surface_words; ++w)
-                walker_.bits()[w] = gather(wave_.rays.inside(w), at[g].group.index);
-            const Mask blocked =
-                walker_.first_change(shadows.rays[g], filler, shadows.t[g]).leaf >= 0;
-            const unsigned lost =
-                bits_of(blocked & lit[g] & (filler == all_lanes(std::int64_t{unresolved})));
-            if (lost != 0)
-                fail_overlap(LaneSet(walker_.find_leaves(), __builtin_ctz(lost)));
-            lit[g] &= ~blocked;
-        }
+        if (!stateful() || (!composites() && !any(inside)))
+            lit[g] &=
+                ~walker_.meets_anything<has.composites>(shadows.rays[g], lit[g], shadows.t[g]);
+        else if constexpr (has.state)
+            cast_within(at[g], shadows.rays[g], shadows.t[g], filler, lit[g]);
         outside |= bits_of(lit[g] & (filler == all_lanes(std::int64_t{none}))) << (g * lanes);
     }
     result_.counts.form_tests += count * walker_.surfaces_in_view();
-    if (!tables_.bvh || outside == 0)
+    if (!apart() || outside == 0)
         return;
     for (std::size_t g = groups; g < packet_groups; ++g) // not looked at, but read
         shadows.rays[g] = shadows.rays[0], shadows.t[g] = shadows.t[0];
@@ -283,33 +262,29 @@ inline void TileTracer::cast_shadows(const Incidence* at, std::size_t groups, Pa
         lit[g] &= ~mask_of(blocked >> (g * lanes) & every_lane);
 }
 
+/// Likewise, of rays of which some are in something.
+template <Features has>
+inline void TileTracer<has>::cast_within(const Incidence& at, const WideRays& rays, Wide limit,
+                                         WideInt filler, Mask& lit) {
+    for (std::uint32_t w = 0; w < tables_.surface_words; ++w)
+        walker_.bits()[w] = gather(wave_.rays.inside(w), at.group.index);
+    const Mask blocked = walker_.first_change<has.composites>(rays, filler, limit).leaf >= 0;
+    const unsigned lost = bits_of(blocked & lit & (filler == all_lanes(std::int64_t{unresolved})));
+    if (lost != 0)
+        fail_overlap(LaneSet(walker_.find_leaves<has.composites>(), __builtin_ctz(lost)));
+    lit &= ~blocked;
+}
+
 /// The refracted and the reflected rays.
-inline void TileTracer::send_on(const Incidence& at) {
+template <Features has>
+inline void TileTracer<has>::send_on(const Incidence& at) {
     const Material& m = *at.group.material;
     Wide3 mirrored = all_lanes3(m.krg);
     Wide3 refracted_dir = at.dir, refracted_coefficient{};
     Mask refracts{};
-    if (m.glass) {
-        const Wide3 ktg = all_lanes3(m.ktg);
-        refracted_coefficient = ktg * at.coefficient;
-        const Mask transmits = at.group.active & ~below_cut(refracted_coefficient);
-        if (any(transmits)) {
-            const Wide index_in = all_lanes(tables_.leaves[at.group.patch->leaf].refractive_index);
-            Wide index_out = all_lanes(tables_.ambient_index);
-            for (int lane = 0; lane < lanes; ++lane)
-                if (const std::int32_t beyond = sides_[at.group.index[lane]].beyond; beyond >= 0)
-                    index_out[lane] = tables_.leaves[beyond].refractive_index;
-            const WideRefraction r =
-                refract(at.dir, at.hit.normal, at.cosine, at.group.leaving, index_in, index_out);
-            const Mask same = index_in == index_out; // nothing bends the ray
-            const Wide reflectance = select(same, Wide{}, r.reflectance);
-            mirrored = select(transmits, mirrored + reflectance * ktg, mirrored);
-            refracted_coefficient = select(transmits, ((1 - reflectance) * ktg) * at.coefficient,
-                                           refracted_coefficient);
-            refracts = transmits & (same | ~r.total) & ~below_cut(refracted_coefficient);
-            refracted_dir = select(same, at.dir, normalized(r.dir));
-        }
-    }
+    if constexpr (has.state)
+        if (m.glass)
+            refracts = pass_through(at, mirrored, refracted_dir, refracted_coefficient);
     const Wide3 reflected_coefficient = mirrored * at.coefficient;
     const Mask reflects = at.group.active & ~below_cut(reflected_coefficient);
     if (job_.truncated != nullptr) {
@@ -330,9 +305,34 @@ inline void TileTracer::send_on(const Incidence& at) {
     }
 }
 
+/// The rays that glass lets through, where they go and what they count; what it reflects beside.
+template <Features has>
+inline Mask TileTracer<has>::pass_through(const Incidence& at, Wide3& mirrored, Wide3& dir,
+                                          Wide3& coefficient) {
+    const Wide3 ktg = all_lanes3(at.group.material->ktg);
+    coefficient = ktg * at.coefficient;
+    const Mask transmits = at.group.active & ~below_cut(coefficient);
+    if (!any(transmits))
+        return transmits;
+    const Wide index_in = all_lanes(tables_.leaves[at.group.patch->leaf].refractive_index);
+    Wide index_out = all_lanes(tables_.ambient_index);
+    for (int lane = 0; lane < lanes; ++lane)
+        if (const std::int32_t beyond = sides_[at.group.index[lane]].beyond; beyond >= 0)
+            index_out[lane] = tables_.leaves[beyond].refractive_index;
+    const WideRefraction r =
+        refract(at.dir, at.hit.normal, at.cosine, at.group.leaving, index_in, index_out);
+    const Mask same = index_in == index_out; // nothing bends the ray
+    const Wide reflectance = select(same, Wide{}, r.reflectance);
+    mirrored = select(transmits, mirrored + reflectance * ktg, mirrored);
+    coefficient = select(transmits, ((1 - reflectance) * ktg) * at.coefficient, coefficient);
+    dir = select(same, at.dir, normalized(r.dir));
+    return transmits & (same | ~r.total) & ~below_cut(coefficient);
+}
+
 /// One ray into the next wave, if depth and budget allow it.
-FRAJA_WIDE void TileTracer::send(const Incidence& at, int lane, const Wide3& dir,
-                                 const Wide3& coefficient, bool crosses) {
+template <Features has>
+FRAJA_WIDE void TileTracer<has>::send(const Incidence& at, int lane, const Wide3& dir,
+                                      const Wide3& coefficient, bool crosses) {
     RayQueue& rays = wave_.rays;
     const std::uint32_t from = at.group.index[lane];
     const std::uint32_t sample = rays.samples()[from];
@@ -354,6 +354,8 @@ FRAJA_WIDE void TileTracer::send(const Incidence& at, int lane, const Wide3& dir
     next_.reals(blue)[to] = coefficient.z[lane];
     next_.owners()[to] = at.owner[lane];
     next_.samples()[to] = sample;
+    if constexpr (!has.state)
+        return void(++result_.counts.reflected);
     next_.fillers()[to] = crosses ? sides_[from].after : rays.fillers()[from];
     for (std::uint32_t w = 0; w < rays.words(); ++w)
         next_.inside(w)[to] = rays.inside(w)[from];
@@ -366,7 +368,8 @@ FRAJA_WIDE void TileTracer::send(const Incidence& at, int lane, const Wide3& dir
 }
 
 /// Notes the weight of rays that are not followed.
-inline void TileTracer::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
+template <Features has>
+inline void TileTracer<has>::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
     for (unsigned left = bits_of(rays); left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
         lose(wave_.rays.samples()[at.group.index[lane]], coefficient, lane);

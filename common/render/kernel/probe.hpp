@@ -9,7 +9,8 @@ namespace fraja::kernel {
 namespace {
 
 /// Of a scene whose rays carry no state.
-inline void find_hits(const Tables& tables, const RayBatch& batch) {
+template <bool composites>
+void find_hits_with(const Tables& tables, const RayBatch& batch) {
     Walker walker(tables);
     PacketTracer spheres(tables);
     Packet packet;
@@ -23,10 +24,12 @@ inline void find_hits(const Tables& tables, const RayBatch& batch) {
             packet.t[g] = load(batch.t + at);
             packet.surface[g] = all_lanes(std::int64_t{none});
             if (batch.any_hit) {
-                const Mask met = walker.meets_anything(packet.rays[g], ~Mask{}, packet.t[g]);
+                const Mask met =
+                    walker.meets_anything<composites>(packet.rays[g], ~Mask{}, packet.t[g]);
                 packet.surface[g] = select(met, WideInt{}, packet.surface[g]);
             } else {
-                const Walker::Found found = walker.first_entry(packet.rays[g], packet.t[g]);
+                const Walker::Found found =
+                    walker.first_entry<composites>(packet.rays[g], packet.t[g]);
                 packet.t[g] = found.t;
                 packet.surface[g] = found.surface;
             }
@@ -49,6 +52,11 @@ inline void find_hits(const Tables& tables, const RayBatch& batch) {
             store(batch.surface + i + g * lanes, packet.surface[g]);
         }
     }
+}
+
+inline void find_hits(const Tables& tables, const RayBatch& batch) {
+    return tables.leaf_is_surface ? find_hits_with<false>(tables, batch)
+                                  : find_hits_with<true>(tables, batch);
 }
 
 } // namespace

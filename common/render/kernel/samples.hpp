@@ -26,7 +26,8 @@ inline std::uint32_t block_side(std::uint64_t samples_per_pixel) {
     return side;
 }
 
-inline TileResult TileTracer::draw(const TileJob& job, const TileControl& control) {
+template <Features has>
+inline TileResult TileTracer<has>::draw(const TileJob& job, const TileControl& control) {
     job_ = job, control_ = control;
     result_ = {};
     unreported_ = 0;
@@ -61,7 +62,8 @@ inline void for_each_pixel(const Block& block, F&& f) {
                     f(block.x + column, block.y + row);
 }
 
-inline void TileTracer::draw_block(const Block& block) {
+template <Features has>
+inline void TileTracer<has>::draw_block(const Block& block) {
     const bool seen = job_.cut[0] < 1 || job_.cut[1] < 1 || job_.cut[2] < 1;
     const bool draws = job_.depth > 0 && seen;
     if (draws)
@@ -84,7 +86,8 @@ inline void TileTracer::draw_block(const Block& block) {
 }
 
 /// From samples to pixels; of a pixel whose samples are in several blocks with the last.
-inline void TileTracer::collect(const Block& block) {
+template <Features has>
+inline void TileTracer<has>::collect(const Block& block) {
     const std::uint64_t per_pixel = samples_per_pixel();
     const double weight = 1.0 / static_cast<double>(per_pixel);
     const bool last = block.first + block.count == per_pixel;
@@ -111,7 +114,8 @@ inline void TileTracer::collect(const Block& block) {
     budget_spent_ = budget_spent_ && !last;
 }
 
-inline void TileTracer::count_truncated(const Block& block, std::size_t sample, bool last) {
+template <Features has>
+inline void TileTracer<has>::count_truncated(const Block& block, std::size_t sample, bool last) {
     for (std::uint64_t i = 0; i < block.count; ++i)
         pixel_truncated_ |= rays_of_[sample + i] > rays_per_sample_max;
     if (!last)
@@ -121,8 +125,9 @@ inline void TileTracer::count_truncated(const Block& block, std::size_t sample, 
 }
 
 /// Of a pixel's samples; `to`: its place, with its last ones.
-inline void TileTracer::collect_lost(const Block& block, std::size_t sample, float* to,
-                                     double weight) {
+template <Features has>
+inline void TileTracer<has>::collect_lost(const Block& block, std::size_t sample, float* to,
+                                          double weight) {
     for (std::uint64_t i = 0; i < block.count; ++i)
         for (std::size_t c = 0; c < 3; ++c)
             pixel_lost_[c] += lost_[3 * (sample + i) + c];
@@ -133,7 +138,8 @@ inline void TileTracer::collect_lost(const Block& block, std::size_t sample, flo
 }
 
 /// Where the camera's rays meet nothing, all pixels are the same, with all their samples.
-inline void TileTracer::show_background(const Block& block) {
+template <Features has>
+inline void TileTracer<has>::show_background(const Block& block) {
     const std::uint64_t samples = std::uint64_t{block.width} * block.height * block.count;
     result_.counts.camera += samples;
     report(samples);
@@ -161,7 +167,8 @@ inline void TileTracer::show_background(const Block& block) {
 }
 
 /// Raja's samples: a pixel's centre, or a regular grid, column by column. FORMAT.md, section 5.
-inline void TileTracer::place_samples(const Block& block) {
+template <Features has>
+inline void TileTracer<has>::place_samples(const Block& block) {
     const std::uint64_t n = job_.aa == 0 ? 1 : job_.aa;
     const double dx = 1.0 / static_cast<double>(n * job_.picture_width);
     const double dy = 1.0 / static_cast<double>(n * job_.picture_height);
@@ -194,9 +201,10 @@ inline void TileTracer::place_samples(const Block& block) {
     std::fill(x, x + lanes, 0.5), std::fill(y, y + lanes, 0.5); // in lanes that are not used
 }
 
-inline void TileTracer::start_wave(const Block& block) {
+template <Features has>
+inline void TileTracer<has>::start_wave(const Block& block) {
     const std::size_t samples = rays_of_.size();
-    if (tables_.stateful && !starts_are_outside())
+    if (stateful() && !starts_are_outside())
         walker_.look_at_all();
     wave_.depth = job_.depth;
     wave_.rays.reserve(samples);
@@ -209,12 +217,13 @@ inline void TileTracer::start_wave(const Block& block) {
     result_.counts.camera += samples;
     if (view_ == View::everything)
         walker_.look_at_all();
-    else if (tables_.stateful) // which must be told of every crossing
+    else if (stateful()) // which must be told of every crossing
         walker_.look_along(beam_, none, true);
 }
 
 /// FORMAT.md, section 4. Fills a group of the wave's rays.
-inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
+template <Features has>
+inline void TileTracer<has>::camera_rays(Wide x, const Wide y, std::size_t at) {
     const CameraTable& camera = tables_.camera;
     const Mask left_eye = x < 0.5;
     if (camera.stereo)
@@ -237,7 +246,7 @@ inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
         store(rays.reals(c) + at, all_lanes(1.0));
     store(rays.owners() + at, all_lanes(std::int64_t{none}));
     store(rays.fillers() + at, all_lanes(std::int64_t{none}));
-    if (!tables_.stateful)
+    if (!stateful())
         return;
     if (starts_are_outside()) {
         for (std::uint32_t w = 0; w < rays.words(); ++w)
@@ -247,7 +256,7 @@ inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
     walker_.find_inside(place, dir);
     for (std::uint32_t w = 0; w < rays.words(); ++w)
         store(rays.inside(w) + at, walker_.bits()[w]);
-    const WideInt* const leaves = walker_.find_leaves();
+    const WideInt* const leaves = walker_.find_leaves<has.composites>();
     for (int lane = 0; lane < lanes; ++lane)
         rays.fillers()[at + static_cast<std::size_t>(lane)] =
             filler_of(tables_, LaneSet(leaves, lane));
@@ -255,7 +264,8 @@ inline void TileTracer::camera_rays(Wide x, const Wide y, std::size_t at) {
 
 // -------------------------------------------------------------------------------------- the waves
 
-inline void TileTracer::follow_waves() {
+template <Features has>
+inline void TileTracer<has>::follow_waves() {
     while (going_on()) {
         if (wave_.rays.size() > 0) {
             follow_wave();
@@ -269,10 +279,11 @@ inline void TileTracer::follow_waves() {
     waiting_.clear();
 }
 
-inline void TileTracer::follow_wave() {
+template <Features has>
+inline void TileTracer<has>::follow_wave() {
     if (wave_.rays.size() > wave_rays_max)
         split_wave();
-    if (tables_.bvh && wave_.depth < job_.depth)
+    if (apart() && wave_.depth < job_.depth)
         sort_by_direction();
     trace();
     if (!going_on())
@@ -286,7 +297,8 @@ inline void TileTracer::follow_wave() {
 }
 
 /// Rays that go the same way, by octant, stand together: a packet of them meets the same boxes.
-inline void TileTracer::sort_by_direction() {
+template <Features has>
+inline void TileTracer<has>::sort_by_direction() {
     const std::size_t n = wave_.rays.size();
     const auto octant = [&](std::size_t i) {
         return (wave_.rays.reals(dir_x)[i] < 0 ? 1u : 0u) |
@@ -308,7 +320,8 @@ inline void TileTracer::sort_by_direction() {
 
 /// Keeps a part of the wave small enough; the rest waits. A sample with few rays is never divided,
 /// and how one with many is divided depends on it alone.
-inline void TileTracer::split_wave() {
+template <Features has>
+inline void TileTracer<has>::split_wave() {
     while (wave_.rays.size() > wave_rays_max) {
         const std::size_t n = wave_.rays.size();
         const std::uint32_t* samples = wave_.rays.samples();

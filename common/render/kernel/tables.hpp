@@ -225,10 +225,20 @@ struct RayBatch {
     bool any_hit;          ///< as shadow rays
 };
 
-/// An instruction set's kernel.
+/// What a kernel can draw. What it has not is not compiled into it.
+struct Features {
+    bool state; ///< rays may be inside something: Tables::stateful
+    bool
+        composites; ///< leaves of several surfaces, surfaces of several leaves: not leaf_is_surface
+    bool apart;     ///< spheres in a hierarchy: Tables::bvh
+    friend bool operator==(const Features&, const Features&) = default;
+};
+
+/// An instruction set's kernels.
 struct KernelEntry {
     const char* isa;
     TileResult (*render_tile)(const Tables&, const TileJob&, const TileControl&);
+    Features (*features_for)(const Tables&); ///< of the one that draws a scene
     void (*find_hits)(const Tables&, const RayBatch&);
 };
 

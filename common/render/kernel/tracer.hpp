@@ -56,6 +56,33 @@ struct Block {
     std::uint64_t first, count;        ///< samples of each
 };
 
+/// Wide hits with one material.
+struct Group {
+    const Patch* patch; ///< null: on spheres that stand apart
+    const Material* material;
+    bool leaving;
+    const std::uint32_t* index; ///< of the rays; the last one stands for unused lanes
+    Mask active;
+};
+
+/// Wide rays at a surface.
+struct Incidence {
+    Group group;
+    WideInt owner; ///< the surface
+    Wide3 dir;
+    WideHit hit;      ///< its normal points out of the leaf
+    Wide cosine;      ///< of normal and ray
+    Wide3 mirror_dir; ///< not normalised
+    Wide3 coefficient;
+    Wide3 kd; ///< once it is needed
+    bool textured;
+    Wide3 light; ///< local, so far
+};
+
+/// What a block's camera rays may meet.
+enum class View : std::uint8_t { everything, some, one_plane, nothing };
+
+template <Features has>
 class TileTracer {
 public:
     explicit TileTracer(const Tables& tables);
@@ -73,8 +100,11 @@ private:
     }
     /// A camera outside of every leaf is outside of every surface where these are the same.
     [[nodiscard]] bool starts_are_outside() const {
-        return tables_.camera_is_outside && tables_.leaf_is_surface;
+        return tables_.camera_is_outside && !composites();
     }
+    [[nodiscard]] bool stateful() const { return has.state && tables_.stateful; }
+    [[nodiscard]] bool composites() const { return has.composites && !tables_.leaf_is_surface; }
+    [[nodiscard]] bool apart() const { return has.apart && tables_.bvh != nullptr; }
     void place_samples(const Block& block);
     void start_wave(const Block& block);
     void camera_rays(const Wide x, const Wide y, std::size_t at);
@@ -87,12 +117,12 @@ private:
     void split_wave();
 
     // view.hpp
-    enum class View : std::uint8_t { everything, some, one_plane, nothing };
     [[nodiscard]] View look_through(const Block& block);
     void meet_plane(std::int32_t plane);
 
     // hits.hpp
     void trace();
+    void trace_packet(std::size_t i, Packet& packet);
     void trace_stateful(std::size_t i, Packet& packet);
     void trace_stateless(std::size_t i, Packet& packet);
     void enter_from_outside(std::size_t at, std::size_t used, const WideRays& rays, Wide limit,
@@ -113,8 +143,6 @@ private:
         return 2 * tables_.user_begin[tables_.surface_count];
     }
     [[nodiscard]] std::uint32_t miss_key() const { return patch_keys() + tables_.material_count; }
-    struct Group;
-    struct Incidence;
     void shade();
     void add_background(const std::uint32_t* index, std::size_t count);
     void shade_batch(std::uint32_t key, const std::uint32_t* index, std::size_t count);
@@ -125,6 +153,9 @@ private:
     void add_light_of(const Light& light, std::size_t first, std::size_t groups,
                       bool may_be_shadowed);
     void cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows, Mask* lit);
+    void cast_within(const Incidence& at, const WideRays& rays, Wide limit, WideInt filler,
+                     Mask& lit);
+    Mask pass_through(const Incidence& at, Wide3& mirrored, Wide3& dir, Wide3& coefficient);
     void send_on(const Incidence& at);
     void send(const Incidence& at, int lane, const Wide3& dir, const Wide3& coefficient,
               bool crosses);
@@ -169,7 +200,6 @@ private:
     TileControl control_{};
     Walker walker_;
     PacketTracer spheres_;
-    /// What the block's camera rays may meet.
     View view_ = View::everything;
     Beam beam_{};                       ///< they are in it, but where they may meet everything
     std::int32_t plane_in_view_ = none; ///< where they all meet one

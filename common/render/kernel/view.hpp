@@ -10,8 +10,9 @@ namespace fraja::kernel {
 namespace {
 
 /// Turns the search to what the rays of a block may meet.
-inline TileTracer::View TileTracer::look_through(const Block& block) {
-    spheres_in_view_ = tables_.bvh != nullptr;
+template <Features has>
+inline View TileTracer<has>::look_through(const Block& block) {
+    spheres_in_view_ = apart();
     const double across[2] = {static_cast<double>(job_.x + block.x) / job_.picture_width,
                               static_cast<double>(job_.x + block.x + block.width) /
                                   job_.picture_width};
@@ -24,7 +25,7 @@ inline TileTracer::View TileTracer::look_through(const Block& block) {
     if (!walker_.look_along(beam_, none, false) && !spheres_in_view_)
         return View::nothing;
     // What else depends on a hit, rays with state would have to be told.
-    const bool told = !tables_.stateful || starts_are_outside();
+    const bool told = !stateful() || starts_are_outside();
     if (told && !spheres_in_view_)
         if (const std::int32_t plane = walker_.only_plane();
             plane != none &&
@@ -37,11 +38,11 @@ inline TileTracer::View TileTracer::look_through(const Block& block) {
 }
 
 /// All rays of the wave meet the plane.
-inline void TileTracer::meet_plane(std::int32_t plane) {
+template <Features has>
+inline void TileTracer<has>::meet_plane(std::int32_t plane) {
     const std::size_t n = wave_.rays.size();
     keys_.assign(n + packet_rays, tables_.entry_keys[plane]);
-    sides_.assign(n + packet_rays,
-                  {none, tables_.stateful ? tables_.leaf_of_surface[plane] : none});
+    sides_.assign(n + packet_rays, {none, stateful() ? tables_.leaf_of_surface[plane] : none});
     report(n);
 }
 

@@ -141,18 +141,26 @@ public:
         WideInt leaf;    ///< none where there is nothing
         WideInt surface; ///< of it
     };
+    // Where no leaf is composite and no surface shared (Tables::leaf_is_surface), what these take
+    // is not compiled in without `composites`.
+
     /// The first entry into a leaf nearer than `limit`, of rays that are outside of everything.
     /// Where its leaf is none, but not its surface, it is the one of that surface.
+    template <bool composites>
     Found first_entry(const WideRays& rays, Wide limit);
     /// Which active ones of them have any.
+    template <bool composites>
     Mask meets_anything(const WideRays& rays, Mask active, Wide limit);
     /// Of rays in bits(), where `filler` fills the space (none; unresolved). A change that is the
     /// filler's is where a ray leaves it, any other where it enters.
+    template <bool composites>
     Found first_change(const WideRays& rays, WideInt filler, Wide limit);
     /// Takes the rays of the last first_change() to what was found: bits() are those just before.
+    template <bool composites>
     void settle(const Found& found, Mask hit);
 
     /// The leaves that the rays of bits() are in, by word; kept until the next call.
+    template <bool composites>
     const WideInt* find_leaves();
     /// Fills bits() for rays that start anywhere.
     void find_inside(Wide3 origin, Wide3 dir);
@@ -168,6 +176,7 @@ private:
     static Moment before_start() { return {all_lanes(-1.0), all_lanes(std::int64_t{none})}; }
     Moment next_time(const Node& node, bool wanted, Moment from);
     Moment next_time_of_literal(const Node& node, bool wanted, Moment from);
+    [[nodiscard]] bool crosses_by(Wide t, std::int64_t leaf) const;
     template <class F>
     void for_each_surface_in_view(F&& f) const;
     [[nodiscard]] bool may_enter(const Beam& beam, std::int64_t leaf, std::int64_t owner) const;
@@ -178,6 +187,7 @@ private:
     void find_shown(WideInt filler);
     Mask holds(const Node& node, const WideInt* bits);
     Moment next_time_of_part(const Node& node, bool wanted, Moment from);
+    template <bool composites>
     void consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates, WideInt filler);
     [[nodiscard]] bool shows_in(std::int64_t filler, std::int64_t entered) const;
     [[nodiscard]] Mask shows_in(WideInt filler, std::int64_t leaf) const;
@@ -325,22 +335,37 @@ inline Walker::Moment Walker::next_time(const Node& node, bool wanted, Moment fr
         }
         return earliest;
     }
-    for (;;) { // every part is needed: on and on, until all are content
+    // Every part is needed: on and on, until all are content with what the last one said.
+    std::uint32_t content = 0;
+    for (std::uint32_t i = 0;; i = i + 1 < node.count ? i + 1 : 0) {
         const Wide before = from.t;
-        for (std::uint32_t i = 0; i < node.count; ++i)
-            from = next_time_of_part(parts[i], wanted, from);
-        if (!any((from.t > before) & (from.t < never())))
+        from = next_time_of_part(parts[i], wanted, from);
+        const Mask ahead = from.t < never();
+        if (!any(ahead))
+            return from;
+        content = any((from.t > before) & ahead) ? 1 : content + 1;
+        if (content >= node.count)
             return from;
     }
+}
+
+/// Whether some ray crosses one of the leaf's surfaces by then: else nothing changes for the leaf.
+FRAJA_WIDE bool Walker::crosses_by(Wide t, std::int64_t leaf) const {
+    const Leaf& l = tables_.leaves[leaf];
+    Wide first = never();
+    for (std::uint32_t i = 0; i < l.surface_count; ++i)
+        first = lesser(first_[tables_.leaf_surfaces[l.surface_begin + i]], first);
+    return any((first <= t) & (first < never()));
 }
 
 /// Of two changes at one time, which only surfaces that leaves share make likely, an entry comes
 /// before the filler's end, a leaf before those that it displaces, and of two that do not displace
 /// each other the one that the scene lists first.
+template <bool composites>
 FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf, Mask candidates,
                                  WideInt filler) {
     Mask better = candidates & (moment.t < found.t);
-    if (tables_.shared_surfaces) {
+    if (composites && tables_.shared_surfaces) {
         const Mask tie = candidates & (moment.t == found.t) & (found.leaf >= 0);
         if (any(tie))
             better |= tie & (filler != all_lanes(leaf)) &
@@ -352,41 +377,51 @@ FRAJA_WIDE void Walker::consider(Found& found, Moment moment, std::int64_t leaf,
     found.surface = select(better, moment.surface, found.surface);
 }
 
+template <bool composites>
 Walker::Found Walker::first_entry(const WideRays& rays, Wide limit) {
     const WideInt nothing = all_lanes(std::int64_t{none});
     Found found{limit, nothing, nothing};
     for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
-        if (tables_.leaf_of_surface[index] != none) {
+        if (!composites || tables_.leaf_of_surface[index] != none) {
             const Wide entry = entry_of(surface, index, rays);
             const Mask nearer = entry < found.t;
             found.t = select(nearer, entry, found.t);
             found.surface = select(nearer, all_lanes(index), found.surface);
         }
-        if (tables_.in_composite[index])
+        if (composites && tables_.in_composite[index])
             keep_sided_crossings(surface, index, rays);
     });
+    if constexpr (!composites)
+        return found;
     if (tables_.shared_surfaces) // for ties
         for (int lane = 0; lane < lanes; ++lane)
             if (found.surface[lane] >= 0)
                 found.leaf[lane] = tables_.leaf_of_surface[found.surface[lane]];
     for (const std::uint32_t leaf : composites_in_view_) {
+        if (!crosses_by(found.t, leaf))
+            continue;
         const Moment entry = next_time(tables_.leaves[leaf].root, true, before_start());
-        consider(found, entry, leaf, entry.surface != nothing, nothing);
+        consider<composites>(found, entry, leaf, entry.surface != nothing, nothing);
     }
     return found;
 }
 
+template <bool composites>
 Mask Walker::meets_anything(const WideRays& rays, Mask active, Wide limit) {
     Mask clear = active;
     for_each_surface_in_view([&](const auto& surface, std::int64_t index) {
-        if (tables_.leaf_of_surface[index] != none)
+        if (!composites || tables_.leaf_of_surface[index] != none)
             clear &= ~(entry_of(surface, index, rays) < limit);
-        if (tables_.in_composite[index])
+        if (composites && tables_.in_composite[index])
             keep_sided_crossings(surface, index, rays);
     });
+    if constexpr (!composites)
+        return active & ~clear;
     for (const std::uint32_t leaf : composites_in_view_) {
         if (!any(clear))
             break;
+        if (!crosses_by(limit, leaf))
+            continue;
         const Node& root = tables_.leaves[leaf].root;
         const Moment entry = next_time(root, true, before_start());
         clear &= ~((entry.t < limit) & (entry.surface != all_lanes(std::int64_t{none})));
@@ -444,6 +479,7 @@ FRAJA_WIDE void Walker::find_shown(WideInt filler) {
         }
 }
 
+template <bool composites>
 Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide limit) {
     const Mask lost = filler == all_lanes(std::int64_t{unresolved}); // any change will tell
     const bool all_outside = !any(filler != all_lanes(std::int64_t{none}));
@@ -459,33 +495,39 @@ Walker::Found Walker::first_change(const WideRays& rays, WideInt filler, Wide li
         inside_[s] = bit_at(bits_.data(), index);
         const Crossings c = crossings_of(surface, index, rays, inside_[s]);
         first_[s] = c.first, second_[s] = c.second;
-        const std::int64_t leaf = tables_.leaf_of_surface[index];
+        const std::int64_t leaf = composites ? tables_.leaf_of_surface[index] : index;
         if (leaf != none)
-            consider(found, {c.first, all_lanes(index)}, leaf,
-                     (may_show(leaf) & ~inside_[s]) | (filler == all_lanes(leaf)) | lost, filler);
+            consider<composites>(
+                found, {c.first, all_lanes(index)}, leaf,
+                (may_show(leaf) & ~inside_[s]) | (filler == all_lanes(leaf)) | lost, filler);
     });
+    if constexpr (!composites)
+        return found;
     const Moment start = before_start();
     for (const std::int64_t leaf : composites_in_view_) {
+        if (!crosses_by(found.t, leaf))
+            continue;
         const Node& root = tables_.leaves[leaf].root;
         if (const Mask enters = may_show(leaf) | lost; any(enters)) {
             const Moment entry = next_time(root, true, start);
-            consider(found, entry, leaf, enters & (entry.surface != nothing), filler);
+            consider<composites>(found, entry, leaf, enters & (entry.surface != nothing), filler);
         }
         const Mask within = (filler == all_lanes(leaf)) | lost;
         if (any(within)) {
             const Moment end = next_time(root, false, start);
-            consider(found, end, leaf, within & (end.surface != nothing), filler);
+            consider<composites>(found, end, leaf, within & (end.surface != nothing), filler);
         }
     }
     return found;
 }
 
+template <bool composites>
 void Walker::settle(const Found& found, Mask hit) {
     for (std::uint32_t s = 0; s < tables_.surface_count; ++s) {
         const Mask met = found.surface == all_lanes(std::int64_t{s});
         // Of two leaves that are surfaces, entered at one time, the other one is still ahead; of a
         // composite leaf's surfaces, crossed at one time, all are behind.
-        const Mask ahead_at_hit = tables_.in_composite[s] ? met : ~Mask{};
+        const Mask ahead_at_hit = composites && tables_.in_composite[s] ? met : ~Mask{};
         const Mask crossed = ahead_at_hit ? (first_[s] < found.t) ^ ((second_[s] < found.t) & ~met)
                                           : (first_[s] <= found.t) ^ (second_[s] <= found.t);
         bits_[s >> 6] ^=
@@ -514,8 +556,9 @@ inline Mask Walker::holds(const Node& node, const WideInt* bits) {
     return result;
 }
 
+template <bool composites>
 const WideInt* Walker::find_leaves() {
-    if (tables_.leaf_is_surface)
+    if (!composites || tables_.leaf_is_surface)
         return bits_.data();
     for (WideInt& word : leaves_)
         word = WideInt{};

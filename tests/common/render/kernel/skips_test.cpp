@@ -1,4 +1,6 @@
 // What a scene does not need is not done: shown by the counters.
+#include "common/render/kernel/dispatch.hpp"
+#include "common/render/kernel/program.hpp"
 #include "tests/support/draw.hpp"
 #include "tests/support/scene_builder.hpp"
 
@@ -201,6 +203,35 @@ TEST_CASE("nothing under the cut level is followed") {
     faint.krg = {1e-4, 1e-4, 1e-4};
     CHECK(counts(ball_and_lamp(faint).scene).reflected == 0);
     CHECK(counts(ball_and_lamp(faint).scene, {.size = size, .exact = true}).reflected > 0);
+}
+
+TEST_CASE("a scene is drawn by a kernel without what it does not need") {
+    using kernel::Features;
+    const auto features = [](const Scene& scene) {
+        const auto program = kernel::Program::compile(scene);
+        REQUIRE(program);
+        return kernel::usable_entries().back()->features_for(program->tables());
+    };
+    CHECK(features(ball_and_lamp(matte(0.5)).scene) ==
+          Features{.state = false, .composites = false, .apart = false});
+    CHECK(features(ball_and_lamp(glass(), IsotropicVolume{1.5}).scene) ==
+          Features{.state = true, .composites = false, .apart = false});
+
+    SceneBuilder many;
+    std::vector<SolidIndex> balls;
+    for (int i = 0; i < 30; ++i)
+        balls.push_back(many.solid(Sphere{{5, 0.3 * i - 4.5, 0}, 0.1}, matte(0.5)));
+    many.aggregate(balls);
+    CHECK(features(many.scene) == Features{.state = false, .composites = false, .apart = true});
+    balls.push_back(many.solid(Sphere{{9, 0, 0}, 1}, glass(), IsotropicVolume{1.5}));
+    many.aggregate(balls);
+    CHECK(features(many.scene) == Features{.state = true, .composites = true, .apart = true});
+
+    SceneBuilder lens;
+    const TextureIndex plain = lens.texture(matte(0.5));
+    lens.solid(lens.textured(Intersection{
+        {lens.textured(Sphere{{5, 0, 0}, 2}, plain), lens.textured(Sphere{{6, 0, 0}, 2}, plain)}}));
+    CHECK(features(lens.scene).composites);
 }
 
 } // namespace
