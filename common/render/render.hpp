@@ -4,9 +4,9 @@
 #include "common/base/pixel_rect.hpp"
 #include "common/base/result.hpp"
 #include "common/image/tile.hpp"
+#include "common/render/samples.hpp"
 #include "common/scene/scene.hpp"
 
-#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -18,43 +18,26 @@ enum class Kernel : std::uint8_t {
     fast,      ///< the same picture but for rounding; what users get
 };
 
+/// How the samples around a pixel's centre are weighted: by how many there are.
+enum class Filter : std::uint8_t {
+    box,  ///< all over the pixel alike
+    tent, ///< to twice its width, ever fewer
+};
+
 /// How a picture is drawn; with the scene and a pixel's place it decides that pixel's bits, alone.
 struct RenderSettings {
-    Extent size{256, 192};   ///< of the whole picture, also where only a part is drawn
-    std::uint32_t depth = 5; ///< Raja's -d; 0 draws black
-    std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
-    bool exact = false;      ///< Raja's -e: no cut-off of faint rays
-    bool truncation = false; ///< fill RenderedTile::truncated, too
+    Extent size{256, 192};       ///< of the whole picture, also where only a part is drawn
+    std::uint32_t depth = 5;     ///< Raja's -d; 0 draws black
+    std::uint32_t aa = 0;        ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
+    std::uint32_t spp = 0;       ///< low-discrepancy samples per pixel, in place of Raja's; 0: off
+    Filter filter = Filter::box; ///< of low-discrepancy samples
+    bool exact = false;          ///< Raja's -e: no cut-off of faint rays
+    bool truncation = false;     ///< fill RenderedTile::truncated, too
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
-};
-
-/// The work that a picture took: the sum of its tiles'. Rays and shaded hits do not depend on how
-/// the picture is cut into tiles; tests do, since what lies beside a tile is not tested.
-struct RayCounts {
-    /// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
-    /// (neither out of depth nor below the cut level). Shadow rays are asked for where light may
-    /// fall; that nothing is in the way may be known without a test.
-    std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
-    // Of the fast kernel alone; 0 of the reference.
-    std::uint64_t box_tests = 0, form_tests = 0; ///< rays tested against a box, against a surface
-    std::uint64_t shaded = 0;                    ///< hits whose light was computed
-    std::uint64_t skipped_pixels = 0;   ///< of background or of one plane, known without a search
-    std::uint64_t truncated_pixels = 0; ///< with a sample that ran out of rays_per_sample_max
-    friend bool operator==(const RayCounts&, const RayCounts&) = default;
-    [[nodiscard]] std::uint64_t traced() const { return camera + reflected + refracted; }
-    RayCounts& operator+=(const RayCounts& o) {
-        camera += o.camera, reflected += o.reflected, refracted += o.refracted, shadow += o.shadow;
-        box_tests += o.box_tests, form_tests += o.form_tests, shaded += o.shaded;
-        skipped_pixels += o.skipped_pixels, truncated_pixels += o.truncated_pixels;
-        return *this;
+    [[nodiscard]] bool low_discrepancy() const { return spp > 0; }
+    [[nodiscard]] std::uint64_t samples_per_pixel() const {
+        return spp > 0 ? spp : aa > 0 ? std::uint64_t{aa} * aa : 1;
     }
-};
-
-/// Shared between a render thread and its owner while a tile is drawn.
-struct RenderControl {
-    std::atomic<bool> stop = false; ///< set by the owner: give up within a few rays
-    std::atomic<std::uint64_t> rays =
-        0; ///< kept by the renderer, at least once a pixel: it is alive
 };
 
 struct RenderedTile {
@@ -70,12 +53,16 @@ struct RenderedTile {
 class CompiledScene {
 public:
     virtual ~CompiledScene() = default;
+    /// Fills the block. Errors as of render_tile.
+    [[nodiscard]] virtual Result<DrawnBlock> draw_samples(const RenderSettings& settings,
+                                                          const SampleBlock& block,
+                                                          RenderControl& control) const = 0;
     /// Draws `rect`, which must lie inside settings.size and not be empty (asserted).
     /// Every float is finite and not negative, whatever numbers the scene holds.
     /// Errors: unresolved_overlap, naming both solids; cancelled, when control.stop was set;
     /// limit_exceeded, when a path of more than a million bounces goes on adding light.
-    [[nodiscard]] virtual Result<RenderedTile>
-    render_tile(const RenderSettings& settings, PixelRect rect, RenderControl& control) const = 0;
+    [[nodiscard]] Result<RenderedTile> render_tile(const RenderSettings& settings, PixelRect rect,
+                                                   RenderControl& control) const;
 };
 
 /// Never fails: what can be wrong with a scene, its reader has found.

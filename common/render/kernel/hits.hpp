@@ -10,7 +10,7 @@ namespace fraja::kernel {
 namespace {
 
 template <Features has>
-inline void TileTracer<has>::trace() {
+inline void BlockTracer<has>::trace() {
     const std::size_t n = wave_.rays.size();
     keys_.resize(n + packet_rays);
     sides_.resize(n + packet_rays, {none, none});
@@ -30,7 +30,7 @@ inline void TileTracer<has>::trace() {
 }
 
 template <Features has>
-inline void TileTracer<has>::trace_packet(std::size_t i, Packet& packet) {
+inline void BlockTracer<has>::trace_packet(std::size_t i, Packet& packet) {
     if constexpr (has.state)
         if (tables_.stateful)
             return trace_stateful(i, packet);
@@ -42,7 +42,7 @@ inline unsigned packet_mask(std::size_t rays) {
 }
 
 template <Features has>
-inline void TileTracer<has>::trace_stateless(std::size_t i, Packet& packet) {
+inline void BlockTracer<has>::trace_stateless(std::size_t i, Packet& packet) {
     RayQueue& rays = wave_.rays;
     for (std::size_t g = 0; g < packet_groups; ++g) {
         packet.rays[g] = rays.rays_at(i + g * lanes);
@@ -69,7 +69,7 @@ inline void TileTracer<has>::trace_stateless(std::size_t i, Packet& packet) {
 
 /// Writes down which rays of a packet met a sphere that stands apart.
 template <Features has>
-inline void TileTracer<has>::meet_spheres(std::size_t i, const Packet& packet) {
+inline void BlockTracer<has>::meet_spheres(std::size_t i, const Packet& packet) {
     for (std::size_t ray = 0; ray < packet_rays; ++ray) {
         const std::int64_t surface = packet.surface[ray / lanes][ray % lanes];
         if (surface < 0 || surface == leaf_instead)
@@ -84,8 +84,8 @@ inline void TileTracer<has>::meet_spheres(std::size_t i, const Packet& packet) {
 /// The key of a hit: which patch, from which side. A leaf can have a surface twice, inside and
 /// outside of it.
 template <Features has>
-inline std::uint32_t TileTracer<has>::key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
-                                             bool outwards) const {
+inline std::uint32_t BlockTracer<has>::key_of(std::int64_t surface, std::int64_t leaf, bool leaving,
+                                              bool outwards) const {
     const std::uint32_t* user = tables_.users + tables_.user_begin[surface];
     const std::uint32_t* const end = tables_.users + tables_.user_begin[surface + 1];
     std::uint32_t found = *user;
@@ -102,7 +102,7 @@ inline std::uint32_t TileTracer<has>::key_of(std::int64_t surface, std::int64_t 
 }
 
 template <Features has>
-inline void TileTracer<has>::trace_stateful(std::size_t i, Packet& packet) {
+inline void BlockTracer<has>::trace_stateful(std::size_t i, Packet& packet) {
     RayQueue& rays = wave_.rays;
     const std::size_t used = std::min<std::size_t>(packet_rays, rays.size() - i);
     unsigned outside = 0; // of everything: only those see the spheres that stand apart
@@ -162,8 +162,9 @@ inline void TileTracer<has>::trace_stateful(std::size_t i, Packet& packet) {
 
 /// Of rays outside of everything, which is outside of every surface: no bits change.
 template <Features has>
-inline void TileTracer<has>::enter_from_outside(std::size_t at, std::size_t used,
-                                                const WideRays& rays, Wide limit, WideInt& sphere) {
+inline void BlockTracer<has>::enter_from_outside(std::size_t at, std::size_t used,
+                                                 const WideRays& rays, Wide limit,
+                                                 WideInt& sphere) {
     const Walker::Found found = walker_.first_entry<has.composites>(rays, limit);
     for (std::size_t lane = 0; lane < used; ++lane) {
         const std::int64_t surface = found.surface[lane];
@@ -177,8 +178,8 @@ inline void TileTracer<has>::enter_from_outside(std::size_t at, std::size_t used
 
 /// What fills the space on both sides of a hit. `before`: the leaves just before it.
 template <Features has>
-inline void TileTracer<has>::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
-                                  std::int64_t surface) {
+inline void BlockTracer<has>::fill(std::size_t ray, LaneSet before, std::int64_t leaf,
+                                   std::int64_t surface) {
     std::int64_t& filler = wave_.rays.fillers()[ray];
     const bool leaving = leaf == filler;
     Sides& sides = sides_[ray];
@@ -204,8 +205,8 @@ inline void TileTracer<has>::fill(std::size_t ray, LaneSet before, std::int64_t 
 
 /// The leaves on the other side of a surface that several share.
 template <Features has>
-inline std::uint64_t TileTracer<has>::crossed(std::size_t ray, std::int64_t surface,
-                                              std::uint32_t w) {
+inline std::uint64_t BlockTracer<has>::crossed(std::size_t ray, std::int64_t surface,
+                                               std::uint32_t w) {
     const auto inside = [&](std::uint32_t s) {
         const bool is_inside = (wave_.rays.inside(s >> 6)[ray] >> (s & 63) & 1) != 0;
         return is_inside != (s == static_cast<std::uint32_t>(surface));
@@ -220,7 +221,7 @@ inline std::uint64_t TileTracer<has>::crossed(std::size_t ray, std::int64_t surf
 /// By key; of one key, hits on spheres that stand apart by where in the hierarchy these are, so
 /// that neighbours lie together and their shadow and mirror rays meet the same boxes; else by ray.
 template <Features has>
-inline void TileTracer<has>::sort_hits() {
+inline void BlockTracer<has>::sort_hits() {
     const std::size_t n = wave_.rays.size();
     order_.resize(n);
     std::iota(order_.begin(), order_.end(), 0u);
@@ -244,7 +245,7 @@ inline void TileTracer<has>::sort_hits() {
 /// Sorts `order_` by number_of(ray), less than `numbers`.
 template <Features has>
 template <class F>
-inline void TileTracer<has>::sort_stably(std::size_t numbers, F&& number_of) {
+inline void BlockTracer<has>::sort_stably(std::size_t numbers, F&& number_of) {
     number_begin_.assign(numbers + 1, 0u);
     for (const std::uint32_t ray : order_)
         ++number_begin_[number_of(ray) + 1];

@@ -38,17 +38,18 @@ auto with_features(const Tables& tables, F&& f) {
     return f.template operator()<everything>();
 }
 
-/// A thread's tracer stays for its next tile: its buffers cost a small tile's time.
-using AnyTracer = std::variant<std::monostate, TileTracer<opaque>, TileTracer<opaque_apart>,
-                               TileTracer<glass>, TileTracer<everything>>;
+/// A thread's tracer stays for its next block: its buffers cost a small tile's time.
+using AnyTracer = std::variant<std::monostate, BlockTracer<opaque>, BlockTracer<opaque_apart>,
+                               BlockTracer<glass>, BlockTracer<everything>>;
 
-TileResult render_tile(const Tables& tables, const TileJob& job, const TileControl& control) {
+BlockResult draw_block(const Tables& tables, const SampleJob& job, const Block& block,
+                       const DrawControl& control) {
     thread_local AnyTracer tracer;
     return with_features(tables, [&]<Features has>() {
-        auto* kept = std::get_if<TileTracer<has>>(&tracer);
+        auto* kept = std::get_if<BlockTracer<has>>(&tracer);
         if (kept == nullptr || kept->scene() != tables.scene)
-            kept = &tracer.emplace<TileTracer<has>>(tables);
-        return kept->draw(job, control);
+            kept = &tracer.emplace<BlockTracer<has>>(tables);
+        return kept->draw(job, block, control);
     });
 }
 
@@ -60,6 +61,6 @@ Features features_for(const Tables& tables) {
 } // namespace fraja::kernel
 
 extern "C" const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY;
-const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA, fraja::kernel::render_tile,
+const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA, fraja::kernel::draw_block,
                                                        fraja::kernel::features_for,
                                                        fraja::kernel::find_hits};

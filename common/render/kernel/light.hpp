@@ -4,18 +4,19 @@
 #include "common/render/kernel/tracer.hpp"
 
 #include <algorithm>
+#include <bit>
 
 namespace fraja::kernel {
 namespace {
 
 template <Features has>
-inline TileTracer<has>::TileTracer(const Tables& tables)
+inline BlockTracer<has>::BlockTracer(const Tables& tables)
     : tables_(tables), scene_(tables.scene), walker_(tables),
       spheres_(tables), wave_{RayQueue(tables.surface_words)}, next_(tables.surface_words),
       batch_(batch_rays / lanes) {}
 
 template <Features has>
-inline void TileTracer<has>::shade() {
+inline void BlockTracer<has>::shade() {
     next_.reserve(2 * wave_.rays.size());
     const std::size_t n = wave_.rays.size();
     for (std::size_t begin = 0; begin < n && going_on();) {
@@ -33,19 +34,21 @@ inline void TileTracer<has>::shade() {
 }
 
 template <Features has>
-inline void TileTracer<has>::add_background(const std::uint32_t* index, std::size_t count) {
+inline void BlockTracer<has>::add_background(const std::uint32_t* index, std::size_t count) {
     RayQueue& rays = wave_.rays;
     for (std::size_t i = 0; i < count; ++i) {
-        double* radiance = radiance_.data() + 3 * rays.samples()[index[i]];
+        double* radiance = block_.rgb + 3 * rays.samples()[index[i]];
         radiance[0] += tables_.background[0] * rays.reals(red)[index[i]];
         radiance[1] += tables_.background[1] * rays.reals(green)[index[i]];
         radiance[2] += tables_.background[2] * rays.reals(blue)[index[i]];
+        if (block_.paths != nullptr)
+            note_path(rays.samples()[index[i]], 0);
     }
 }
 
 template <Features has>
-inline void TileTracer<has>::shade_batch(std::uint32_t key, const std::uint32_t* index,
-                                         std::size_t count) {
+inline void BlockTracer<has>::shade_batch(std::uint32_t key, const std::uint32_t* index,
+                                          std::size_t count) {
     const std::size_t groups = (count + lanes - 1) / lanes;
     std::uint32_t padded[batch_rays + lanes];
     for (std::size_t i = 0; i < groups * lanes; ++i)
@@ -63,13 +66,13 @@ inline void TileTracer<has>::shade_batch(std::uint32_t key, const std::uint32_t*
     }
     result_.counts.shaded += count;
     add_light(groups);
-    if (wave_.depth > 1 || job_.truncated != nullptr)
+    if (wave_.depth > 1 || block_.lost != nullptr)
         for (std::size_t g = 0; g < groups; ++g)
             send_on(batch_[g]);
 }
 
 template <Features has>
-inline Incidence TileTracer<has>::meet(const Group& group) {
+inline Incidence BlockTracer<has>::meet(const Group& group) {
     RayQueue& rays = wave_.rays;
     const auto column = [&](Column c) { return gather(rays.reals(c), group.index); };
     const Wide3 origin{column(origin_x), column(origin_y), column(origin_z)};
@@ -105,7 +108,7 @@ inline Incidence TileTracer<has>::meet(const Group& group) {
 
 /// A surface that nothing lights needs no texture.
 template <Features has>
-inline const Wide3& TileTracer<has>::diffuse(Incidence& at) {
+inline const Wide3& BlockTracer<has>::diffuse(Incidence& at) {
     if (!at.textured)
         at.kd = diffuse_at(*at.group.material, at.hit.place, tables_.center);
     at.textured = true;
@@ -114,7 +117,7 @@ inline const Wide3& TileTracer<has>::diffuse(Incidence& at) {
 
 /// Local light (6.3), times what becomes of it on the way to the eye.
 template <Features has>
-inline void TileTracer<has>::add_light(std::size_t groups) {
+inline void BlockTracer<has>::add_light(std::size_t groups) {
     const Material& material = *batch_[0].group.material;
     if (tables_.any_ambient)
         for (std::size_t g = 0; g < groups; ++g)
@@ -131,16 +134,41 @@ inline void TileTracer<has>::add_light(std::size_t groups) {
         const Wide3 light = at.light * at.coefficient;
         const auto used = __builtin_popcount(bits_of(at.group.active));
         for (int lane = 0; lane < used; ++lane) {
-            double* radiance = radiance_.data() + 3 * wave_.rays.samples()[at.group.index[lane]];
+            double* radiance = block_.rgb + 3 * wave_.rays.samples()[at.group.index[lane]];
             radiance[0] += light.x[lane], radiance[1] += light.y[lane];
             radiance[2] += light.z[lane];
         }
+        if (block_.paths != nullptr)
+            note_paths(at);
     }
+}
+
+/// What was hit, of which colour it is there, and which lights light it.
+template <Features has>
+inline void BlockTracer<has>::note_paths(const Incidence& at) {
+    for (unsigned left = bits_of(at.group.active); left != 0; left &= left - 1) {
+        const int lane = __builtin_ctz(left);
+        std::uint64_t what = 2 * static_cast<std::uint64_t>(at.owner[lane]) + 1;
+        what ^= static_cast<std::uint64_t>(at.path[lane]) + (at.group.leaving ? 1u << 31 : 0);
+        if (at.textured)
+            for (const double part : {at.kd.x[lane], at.kd.y[lane], at.kd.z[lane]})
+                what = 3 * what + std::bit_cast<std::uint64_t>(part);
+        note_path(wave_.rays.samples()[at.group.index[lane]], what);
+    }
+}
+
+/// Adds to a sample's path; what it is made of may be added in any order.
+template <Features has>
+inline void BlockTracer<has>::note_path(std::uint32_t sample, std::uint64_t what) {
+    what = what * 64 + wave_.depth;
+    what = (what ^ (what >> 30)) * 0xbf58476d1ce4e5b9; // S. Vigna's splitmix64
+    what = (what ^ (what >> 27)) * 0x94d049bb133111eb;
+    block_.paths[sample] += what ^ (what >> 31);
 }
 
 /// Has the walker look at what may stand between a batch and a light; whether there is anything.
 template <Features has>
-inline bool TileTracer<has>::look_towards(const Light& light, std::size_t groups) {
+inline bool BlockTracer<has>::look_towards(const Light& light, std::size_t groups) {
     const auto owner = batch_[0].group.patch ? std::int64_t{batch_[0].group.patch->surface} : none;
     Wide3 low = batch_[0].hit.place, high = low;
     Mask outside = ~Mask{}; // of everything
@@ -185,8 +213,8 @@ inline bool TileTracer<has>::look_towards(const Light& light, std::size_t groups
 
 /// A light on some groups of the batch.
 template <Features has>
-inline void TileTracer<has>::add_light_of(const Light& light, std::size_t first, std::size_t groups,
-                                          bool may_be_shadowed) {
+inline void BlockTracer<has>::add_light_of(const Light& light, std::size_t first,
+                                           std::size_t groups, bool may_be_shadowed) {
     Incidence* const at = batch_.data() + first;
     const Material& material = *at->group.material;
     Packet shadows;
@@ -218,6 +246,12 @@ inline void TileTracer<has>::add_light_of(const Light& light, std::size_t first,
     report(asked);
     if (may_be_shadowed || apart())
         cast_shadows(at, groups, shadows, lit);
+    if (block_.paths != nullptr) {
+        const auto number = static_cast<std::uint64_t>(&light - tables_.lights) + 1;
+        for (std::size_t g = 0; g < groups; ++g)
+            at[g].path ^=
+                lit[g] & all_lanes(static_cast<std::int64_t>(number * 0x9e3779b97f4a7c15));
+    }
     const Wide3 rgb = all_lanes3(light.rgb);
     for (std::size_t g = 0; g < groups; ++g) {
         if (!any(lit[g]))
@@ -233,8 +267,8 @@ inline void TileTracer<has>::add_light_of(const Light& light, std::size_t first,
 
 /// Of the lanes that a light could light, leaves those that it does.
 template <Features has>
-inline void TileTracer<has>::cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows,
-                                          Mask* lit) {
+inline void BlockTracer<has>::cast_shadows(const Incidence* at, std::size_t groups, Packet& shadows,
+                                           Mask* lit) {
     std::uint64_t count = 0;
     unsigned outside = 0;
     for (std::size_t g = 0; g < groups; ++g) {
@@ -264,8 +298,8 @@ inline void TileTracer<has>::cast_shadows(const Incidence* at, std::size_t group
 
 /// Likewise, of rays of which some are in something.
 template <Features has>
-inline void TileTracer<has>::cast_within(const Incidence& at, const WideRays& rays, Wide limit,
-                                         WideInt filler, Mask& lit) {
+inline void BlockTracer<has>::cast_within(const Incidence& at, const WideRays& rays, Wide limit,
+                                          WideInt filler, Mask& lit) {
     for (std::uint32_t w = 0; w < tables_.surface_words; ++w)
         walker_.bits()[w] = gather(wave_.rays.inside(w), at.group.index);
     const Mask blocked = walker_.first_change<has.composites>(rays, filler, limit).leaf >= 0;
@@ -277,7 +311,7 @@ inline void TileTracer<has>::cast_within(const Incidence& at, const WideRays& ra
 
 /// The refracted and the reflected rays.
 template <Features has>
-inline void TileTracer<has>::send_on(const Incidence& at) {
+inline void BlockTracer<has>::send_on(const Incidence& at) {
     const Material& m = *at.group.material;
     Wide3 mirrored = all_lanes3(m.krg);
     Wide3 refracted_dir = at.dir, refracted_coefficient{};
@@ -287,7 +321,7 @@ inline void TileTracer<has>::send_on(const Incidence& at) {
             refracts = pass_through(at, mirrored, refracted_dir, refracted_coefficient);
     const Wide3 reflected_coefficient = mirrored * at.coefficient;
     const Mask reflects = at.group.active & ~below_cut(reflected_coefficient);
-    if (job_.truncated != nullptr) {
+    if (block_.lost != nullptr) {
         lose(at, at.group.active & ~refracts, refracted_coefficient);
         lose(at, at.group.active & ~reflects, reflected_coefficient);
     }
@@ -307,8 +341,8 @@ inline void TileTracer<has>::send_on(const Incidence& at) {
 
 /// The rays that glass lets through, where they go and what they count; what it reflects beside.
 template <Features has>
-inline Mask TileTracer<has>::pass_through(const Incidence& at, Wide3& mirrored, Wide3& dir,
-                                          Wide3& coefficient) {
+inline Mask BlockTracer<has>::pass_through(const Incidence& at, Wide3& mirrored, Wide3& dir,
+                                           Wide3& coefficient) {
     const Wide3 ktg = all_lanes3(at.group.material->ktg);
     coefficient = ktg * at.coefficient;
     const Mask transmits = at.group.active & ~below_cut(coefficient);
@@ -331,15 +365,15 @@ inline Mask TileTracer<has>::pass_through(const Incidence& at, Wide3& mirrored, 
 
 /// One ray into the next wave, if depth and budget allow it.
 template <Features has>
-FRAJA_WIDE void TileTracer<has>::send(const Incidence& at, int lane, const Wide3& dir,
-                                      const Wide3& coefficient, bool crosses) {
+FRAJA_WIDE void BlockTracer<has>::send(const Incidence& at, int lane, const Wide3& dir,
+                                       const Wide3& coefficient, bool crosses) {
     RayQueue& rays = wave_.rays;
     const std::uint32_t from = at.group.index[lane];
     const std::uint32_t sample = rays.samples()[from];
     if (wave_.depth == 1)
         return lose(sample, coefficient, lane);
-    if (++rays_of_[sample] > rays_per_sample_max) {
-        budget_spent_ = true;
+    if (++block_.rays[sample] > rays_per_sample_max) {
+        result_.budget_spent = true;
         return lose(sample, coefficient, lane);
     }
     const std::size_t to = next_.add();
@@ -369,7 +403,7 @@ FRAJA_WIDE void TileTracer<has>::send(const Incidence& at, int lane, const Wide3
 
 /// Notes the weight of rays that are not followed.
 template <Features has>
-inline void TileTracer<has>::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
+inline void BlockTracer<has>::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
     for (unsigned left = bits_of(rays); left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
         lose(wave_.rays.samples()[at.group.index[lane]], coefficient, lane);

@@ -16,51 +16,44 @@ public:
                 std::unique_ptr<const Program> program)
         : entry_(std::move(entry)), scene_(std::move(scene)), program_(std::move(program)) {}
 
-    Result<RenderedTile> render_tile(const RenderSettings& settings, PixelRect rect,
-                                     RenderControl& control) const override {
-        FRAJA_ASSERT(!rect.empty() && rect.inside(settings.size));
+    Result<DrawnBlock> draw_samples(const RenderSettings& settings, const SampleBlock& block,
+                                    RenderControl& control) const override {
         if (!entry_)
             return entry_.error();
-
-        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}, .truncated = {}};
-        result.tile.rgb.resize(3 * rect.pixel_count());
-        if (settings.truncation)
-            result.truncated.resize(rect.pixel_count());
+        const auto or_null = [](auto span) { return span.empty() ? nullptr : span.data(); };
         const Rgb cut = cut_level(scene_->world, settings.exact);
-        const TileJob job{.picture_width = settings.size.width,
-                          .picture_height = settings.size.height,
-                          .x = rect.x,
-                          .y = rect.y,
-                          .width = rect.width,
-                          .height = rect.height,
-                          .depth = settings.depth,
-                          .aa = settings.aa,
-                          .cut = {cut.x, cut.y, cut.z},
-                          .rgb = result.tile.rgb.data(),
-                          .truncated = settings.truncation ? result.truncated.data() : nullptr};
-        const TileControl tile_control{&control, &report};
-        const TileResult drawn = (*entry_)->render_tile(program_->tables(), job, tile_control);
+        const BlockResult drawn = (*entry_)->draw_block(
+            program_->tables(), {.depth = settings.depth, .cut = {cut.x, cut.y, cut.z}},
+            {.count = static_cast<std::uint32_t>(block.x.size()),
+             .x = block.x.data(),
+             .y = block.y.data(),
+             .rgb = block.rgb.data(),
+             .lost = or_null(block.lost),
+             .paths = or_null(block.paths),
+             .rays = block.rays.data()},
+            {&control, &report});
         switch (drawn.end) {
-        case TileEnd::drawn:
+        case BlockEnd::drawn:
             break;
-        case TileEnd::stopped:
+        case BlockEnd::stopped:
             return Error{ErrorCode::cancelled, "stopped before the tile was drawn"};
-        case TileEnd::unresolved_overlap:
+        case BlockEnd::unresolved_overlap:
             return Error{ErrorCode::unresolved_overlap,
                          program_->overlap_message(
                              *scene_, std::span(drawn.overlapping).first(drawn.overlapping_count))};
         }
-        const TileCounts& n = drawn.counts;
-        result.rays = {.camera = n.camera,
-                       .reflected = n.reflected,
-                       .refracted = n.refracted,
-                       .shadow = n.shadow,
-                       .box_tests = n.box_tests,
-                       .form_tests = n.form_tests,
-                       .shaded = n.shaded,
-                       .skipped_pixels = n.skipped_pixels,
-                       .truncated_pixels = n.truncated_pixels};
-        return result;
+        const BlockCounts& n = drawn.counts;
+        return DrawnBlock{.rays = {.camera = n.camera,
+                                   .reflected = n.reflected,
+                                   .refracted = n.refracted,
+                                   .shadow = n.shadow,
+                                   .box_tests = n.box_tests,
+                                   .form_tests = n.form_tests,
+                                   .shaded = n.shaded,
+                                   .skipped_pixels = 0,
+                                   .truncated_pixels = 0},
+                          .skipped = drawn.skipped,
+                          .budget_spent = drawn.budget_spent};
     }
 
 private:

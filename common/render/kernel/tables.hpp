@@ -4,6 +4,8 @@
 // Tables::center, so that a small scene far from the world's origin keeps its digits.
 #pragma once
 
+#include "common/render/sample_limits.hpp"
+
 #include <cstddef>
 #include <cstdint>
 
@@ -180,37 +182,44 @@ struct Tables {
 
 // -------------------------------------------------------------------------------------- the work
 
-struct TileJob {
-    std::uint32_t picture_width, picture_height;
-    std::uint32_t x, y, width, height; ///< the tile
-    std::uint32_t depth, aa;
+/// How samples are drawn.
+struct SampleJob {
+    std::uint32_t depth;
     double cut[3];
-    float* rgb; ///< width * height * 3, row by row
-    /// Of each pixel the weight of the rays that were not followed; null: not asked for.
-    float* truncated;
 };
 
-struct TileCounts {
+/// Places on the screen, and what is seen there.
+struct Block {
+    std::uint32_t count;  ///< of samples, 1 .. block_samples_max
+    const double *x, *y;  ///< from the top left, 0 to 1, or somewhat beside
+    double* rgb;          ///< three to a sample
+    double* lost;         ///< likewise: the weight of rays not followed; null: not asked for
+    std::uint64_t* paths; ///< what a sample met, as a number; null: not asked for
+    std::uint32_t* rays;  ///< that it took
+};
+
+struct BlockCounts {
     std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
     std::uint64_t box_tests = 0, form_tests = 0; ///< per ray
-    std::uint64_t shaded = 0, skipped_pixels = 0;
-    std::uint64_t truncated_pixels = 0; ///< that ran out of their budget of rays
+    std::uint64_t shaded = 0;
 };
 
 /// What the kernel asks of and tells its owner while it works.
-struct TileControl {
+struct DrawControl {
     void* owner;
     /// Rays traced since the last call; answers whether to go on.
     bool (*report)(void* owner, std::uint64_t rays);
 };
 
-enum class TileEnd : std::uint8_t { drawn, stopped, unresolved_overlap };
+enum class BlockEnd : std::uint8_t { drawn, stopped, unresolved_overlap };
 
 inline constexpr std::size_t overlapping_max = 64;
 
-struct TileResult {
-    TileEnd end = TileEnd::drawn;
-    TileCounts counts;
+struct BlockResult {
+    BlockEnd end = BlockEnd::drawn;
+    BlockCounts counts;
+    bool skipped = false;      ///< nothing was searched for: background, or one plane
+    bool budget_spent = false; ///< a sample needs more than rays_per_sample_max
     /// Leaves that a ray was in, of which none displaces all others; the first ones, if many.
     std::uint32_t overlapping[overlapping_max] = {};
     std::uint32_t overlapping_count = 0;
@@ -227,23 +236,18 @@ struct RayBatch {
 
 /// What a kernel can draw. What it has not is not compiled into it.
 struct Features {
-    bool state; ///< rays may be inside something: Tables::stateful
-    bool
-        composites; ///< leaves of several surfaces, surfaces of several leaves: not leaf_is_surface
-    bool apart;     ///< spheres in a hierarchy: Tables::bvh
+    bool state;      ///< rays may be inside something: Tables::stateful
+    bool composites; ///< leaves of several surfaces, or the reverse: not leaf_is_surface
+    bool apart;      ///< spheres in a hierarchy: Tables::bvh
     friend bool operator==(const Features&, const Features&) = default;
 };
 
 /// An instruction set's kernels.
 struct KernelEntry {
     const char* isa;
-    TileResult (*render_tile)(const Tables&, const TileJob&, const TileControl&);
+    BlockResult (*draw_block)(const Tables&, const SampleJob&, const Block&, const DrawControl&);
     Features (*features_for)(const Tables&); ///< of the one that draws a scene
     void (*find_hits)(const Tables&, const RayBatch&);
 };
-
-/// Rays that one sample may cost: with `exact`, glass and a great depth it would never end. What is
-/// left of it then stays black.
-inline constexpr std::uint32_t rays_per_sample_max = std::uint32_t{1} << 20;
 
 } // namespace fraja::kernel

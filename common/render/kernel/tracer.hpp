@@ -1,4 +1,4 @@
-// Draws a tile: wave after wave of rays, those of one depth at a time.
+// Draws a block of samples: wave after wave of rays, those of one depth at a time.
 //
 // A block of samples starts as a wave of camera rays (samples.hpp). A wave is traced in packets
 // (hits.hpp), its hits are sorted by material, so that a group has one, and shading makes the next
@@ -21,9 +21,6 @@
 namespace fraja::kernel {
 namespace {
 
-/// Samples whose camera rays make a wave.
-constexpr std::uint32_t block_samples_max = 1024;
-constexpr std::uint32_t block_side_max = 32; ///< pixels
 /// A wave of more rays is split: by samples, or the rays of one sample that has as many.
 constexpr std::size_t wave_rays_max = 32768;
 /// Hits that are shaded together: of one material, they look for what is in the light's way once.
@@ -50,12 +47,6 @@ struct Wave {
     std::uint32_t depth = 0; ///< surfaces they may still meet, at least 1
 };
 
-/// Samples that are drawn together: all of some pixels, or some of one pixel.
-struct Block {
-    std::uint32_t x, y, width, height; ///< pixels of the tile
-    std::uint64_t first, count;        ///< samples of each
-};
-
 /// Wide hits with one material.
 struct Group {
     const Patch* patch; ///< null: on spheres that stand apart
@@ -76,28 +67,26 @@ struct Incidence {
     Wide3 coefficient;
     Wide3 kd; ///< once it is needed
     bool textured;
-    Wide3 light; ///< local, so far
+    Wide3 light;  ///< local, so far
+    WideInt path; ///< which lights do light it, if asked for
 };
 
 /// What a block's camera rays may meet.
 enum class View : std::uint8_t { everything, some, one_plane, nothing };
 
 template <Features has>
-class TileTracer {
+class BlockTracer {
 public:
-    explicit TileTracer(const Tables& tables);
+    explicit BlockTracer(const Tables& tables);
 
     /// Its tables may be gone.
     [[nodiscard]] std::uint64_t scene() const { return scene_; }
-    TileResult draw(const TileJob& job, const TileControl& control);
+    BlockResult draw(const SampleJob& job, const Block& block, const DrawControl& control);
 
 private:
     // samples.hpp
-    void draw_block(const Block& block);
-    void show_background(const Block& block);
-    [[nodiscard]] std::uint64_t samples_per_pixel() const {
-        return job_.aa == 0 ? 1 : std::uint64_t{job_.aa} * job_.aa;
-    }
+    void draw_samples();
+    void show_background();
     /// A camera outside of every leaf is outside of every surface where these are the same.
     [[nodiscard]] bool starts_are_outside() const {
         return tables_.camera_is_outside && !composites();
@@ -105,19 +94,15 @@ private:
     [[nodiscard]] bool stateful() const { return has.state && tables_.stateful; }
     [[nodiscard]] bool composites() const { return has.composites && !tables_.leaf_is_surface; }
     [[nodiscard]] bool apart() const { return has.apart && tables_.bvh != nullptr; }
-    void place_samples(const Block& block);
-    void start_wave(const Block& block);
+    void start_wave();
     void camera_rays(const Wide x, const Wide y, std::size_t at);
-    void collect(const Block& block);
-    void count_truncated(const Block& block, std::size_t sample, bool last);
-    void collect_lost(const Block& block, std::size_t sample, float* to, double weight);
     void follow_waves();
     void follow_wave();
     void sort_by_direction();
     void split_wave();
 
     // view.hpp
-    [[nodiscard]] View look_through(const Block& block);
+    [[nodiscard]] View look_through();
     void meet_plane(std::int32_t plane);
 
     // hits.hpp
@@ -159,11 +144,13 @@ private:
     void send_on(const Incidence& at);
     void send(const Incidence& at, int lane, const Wide3& dir, const Wide3& coefficient,
               bool crosses);
+    void note_paths(const Incidence& at);
+    void note_path(std::uint32_t sample, std::uint64_t what);
     void lose(const Incidence& at, Mask rays, const Wide3& coefficient);
     void lose(std::uint32_t sample, const Wide3& coefficient, int lane) {
-        if (job_.truncated == nullptr)
+        if (block_.lost == nullptr)
             return;
-        double* lost = lost_.data() + 3 * std::size_t{sample};
+        double* lost = block_.lost + 3 * std::size_t{sample};
         lost[0] += coefficient.x[lane], lost[1] += coefficient.y[lane];
         lost[2] += coefficient.z[lane];
     }
@@ -171,7 +158,7 @@ private:
     [[nodiscard]] Mask below_cut(Wide3 c) const {
         return ~((c.x > job_.cut[0]) | (c.y > job_.cut[1]) | (c.z > job_.cut[2]));
     }
-    [[nodiscard]] bool going_on() const { return result_.end == TileEnd::drawn; }
+    [[nodiscard]] bool going_on() const { return result_.end == BlockEnd::drawn; }
     void report(std::uint64_t rays) {
         unreported_ += rays;
         if (unreported_ >= rays_per_report)
@@ -179,7 +166,7 @@ private:
     }
     void report_now() {
         if (!control_.report(control_.owner, unreported_) && going_on())
-            result_.end = TileEnd::stopped;
+            result_.end = BlockEnd::stopped;
         unreported_ = 0;
     }
     /// A ray needs a priority, among the leaves of a set, that the scene does not give.
@@ -187,7 +174,7 @@ private:
     void fail_overlap(WordOf&& word_of) {
         if (!going_on())
             return;
-        result_.end = TileEnd::unresolved_overlap;
+        result_.end = BlockEnd::unresolved_overlap;
         for_each_bit(tables_.leaf_words, word_of, [&](std::int32_t leaf) {
             result_.overlapping[result_.overlapping_count++] = static_cast<std::uint32_t>(leaf);
             return result_.overlapping_count < overlapping_max;
@@ -196,8 +183,9 @@ private:
 
     const Tables& tables_;
     std::uint64_t scene_;
-    TileJob job_{};
-    TileControl control_{};
+    SampleJob job_{};
+    Block block_{};
+    DrawControl control_{};
     Walker walker_;
     PacketTracer spheres_;
     View view_ = View::everything;
@@ -220,21 +208,9 @@ private:
     std::vector<std::uint32_t> order_;       ///< the rays, by key
     std::vector<std::uint32_t> sorted_, number_begin_;
 
-    // Of each sample of the block.
-    std::vector<double> radiance_; ///< red, green, blue
-    std::vector<double> lost_;     ///< weight of rays not followed, likewise; empty if not wanted
-    std::vector<std::uint32_t> rays_of_;
-    std::vector<double> sample_x_, sample_y_; ///< on the screen, from 0 to 1
-
     std::vector<Incidence> batch_;
-    // Of a pixel whose samples are in several blocks.
-    double pixel_sum_[3] = {}, pixel_lost_[3] = {};
-    bool pixel_truncated_ = false;
-    bool budget_spent_ = false; ///< of a sample of the pixels at work
-    float background_[3] = {};  ///< of a pixel of it, once known
-    bool background_known_ = false;
     std::uint64_t unreported_ = 0;
-    TileResult result_;
+    BlockResult result_;
 };
 
 } // namespace

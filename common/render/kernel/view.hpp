@@ -11,14 +11,11 @@ namespace {
 
 /// Turns the search to what the rays of a block may meet.
 template <Features has>
-inline View TileTracer<has>::look_through(const Block& block) {
+inline View BlockTracer<has>::look_through() {
     spheres_in_view_ = apart();
-    const double across[2] = {static_cast<double>(job_.x + block.x) / job_.picture_width,
-                              static_cast<double>(job_.x + block.x + block.width) /
-                                  job_.picture_width};
-    const double down[2] = {static_cast<double>(job_.y + block.y) / job_.picture_height,
-                            static_cast<double>(job_.y + block.y + block.height) /
-                                job_.picture_height};
+    const auto [left, right] = std::minmax_element(block_.x, block_.x + block_.count);
+    const auto [top, bottom] = std::minmax_element(block_.y, block_.y + block_.count);
+    const double across[2] = {*left, *right}, down[2] = {*top, *bottom};
     if (!tables_.camera_is_outside || !beam_through(tables_.camera, across, down, beam_))
         return View::everything;
     spheres_in_view_ = spheres_in_view_ && spheres_.may_meet(beam_);
@@ -39,7 +36,7 @@ inline View TileTracer<has>::look_through(const Block& block) {
 
 /// All rays of the wave meet the plane.
 template <Features has>
-inline void TileTracer<has>::meet_plane(std::int32_t plane) {
+inline void BlockTracer<has>::meet_plane(std::int32_t plane) {
     const std::size_t n = wave_.rays.size();
     keys_.assign(n + packet_rays, tables_.entry_keys[plane]);
     sides_.assign(n + packet_rays, {none, stateful() ? tables_.leaf_of_surface[plane] : none});

@@ -1,46 +1,38 @@
 #include "common/render/reference/render.hpp"
 
-#include "common/render/reference/sampler.hpp"
 #include "common/render/reference/shading.hpp"
 
-#include <limits>
+#include <algorithm>
+#include <bit>
 
 namespace fraja::reference {
 namespace {
-
-/// The last guard: absurd colours (1e300 times 1e300) must not put into a picture what is no
-/// number.
-float as_float(double radiance) {
-    constexpr float float_max = std::numeric_limits<float>::max();
-    if (!(radiance > 0))
-        return 0;
-    return radiance < static_cast<double>(float_max) ? static_cast<float>(radiance) : float_max;
-}
 
 class ReferenceScene final : public CompiledScene {
 public:
     explicit ReferenceScene(std::shared_ptr<const Scene> scene) : model_(std::move(scene)) {}
 
-    Result<RenderedTile> render_tile(const RenderSettings& settings, PixelRect rect,
-                                     RenderControl& control) const override {
-        FRAJA_ASSERT(!rect.empty() && rect.inside(settings.size));
+    Result<DrawnBlock> draw_samples(const RenderSettings& settings, const SampleBlock& block,
+                                    RenderControl& control) const override {
         Interrupt interrupt(control.stop);
         Tracer tracer(model_, settings, control, interrupt);
-        const auto radiance = [&](double x, double y) { return tracer.radiance(x, y); };
-
-        RenderedTile result{.tile = {.rect = rect, .rgb = {}}, .rays = {}, .truncated = {}};
-        result.tile.rgb.reserve(3 * rect.pixel_count());
-        for (std::uint32_t row = rect.y; row < rect.y + rect.height; ++row)
-            for (std::uint32_t column = rect.x; column < rect.x + rect.width; ++column) {
-                const auto rgb = sample_pixel(settings.size, {column, row}, settings.aa, radiance);
-                if (!rgb)
-                    return interrupt.error();
-                for (const double component : {rgb->x, rgb->y, rgb->z})
-                    result.tile.rgb.push_back(as_float(component));
-                tracer.report_rays();
-            }
-        result.rays = tracer.rays();
-        return result;
+        for (std::size_t i = 0; i < block.x.size(); ++i) {
+            const std::uint64_t rays_before = tracer.rays().traced();
+            const std::optional<Rgb> rgb = tracer.radiance(block.x[i], block.y[i]);
+            if (!rgb)
+                return interrupt.error();
+            for (glm::length_t c = 0; c < 3; ++c)
+                block.rgb[3 * i + static_cast<std::size_t>(c)] = (*rgb)[c];
+            const std::uint64_t rays = tracer.rays().traced() - rays_before;
+            block.rays[i] = static_cast<std::uint32_t>(std::min<std::uint64_t>(rays, UINT32_MAX));
+            tracer.report_rays();
+        }
+        std::ranges::fill(block.lost, 0.0); // not known
+        // Nor is what they met: so no two places have met the same.
+        for (std::size_t i = 0; i < block.paths.size(); ++i)
+            block.paths[i] = std::bit_cast<std::uint64_t>(block.x[i]) * 0x9e3779b97f4a7c15 +
+                             std::bit_cast<std::uint64_t>(block.y[i]);
+        return DrawnBlock{.rays = tracer.rays()};
     }
 
 private:
