@@ -24,17 +24,26 @@ enum class Filter : std::uint8_t {
     tent, ///< to twice its width, ever fewer
 };
 
+/// Of an 8-bit picture, from black to a radiance of 1.
+inline constexpr double levels_per_unit = 255;
+
 /// How a picture is drawn; with the scene and a pixel's place it decides that pixel's bits, alone.
 struct RenderSettings {
-    Extent size{256, 192};       ///< of the whole picture, also where only a part is drawn
-    std::uint32_t depth = 5;     ///< Raja's -d; 0 draws black
-    std::uint32_t aa = 0;        ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
-    std::uint32_t spp = 0;       ///< low-discrepancy samples per pixel, in place of Raja's; 0: off
-    Filter filter = Filter::box; ///< of low-discrepancy samples
-    bool exact = false;          ///< Raja's -e: no cut-off of faint rays
-    bool truncation = false;     ///< fill RenderedTile::truncated, too
+    Extent size{256, 192};   ///< of the whole picture, also where only a part is drawn
+    std::uint32_t depth = 5; ///< Raja's -d; 0 draws black
+    std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
+    std::uint32_t spp = 0;   ///< low-discrepancy samples per pixel, in place of Raja's; 0: off
+    /// Low-discrepancy samples until a pixel's error is thought to be at most so many levels of
+    /// 8-bit pictures (levels_per_unit); 0: off. The cut level is coupled to it.
+    double error = 0;
+    std::uint32_t max_samples = 1024; ///< per pixel, then; at least 4
+    Filter filter = Filter::box;      ///< of low-discrepancy samples
+    bool exact = false;               ///< Raja's -e: no cut-off of faint rays
+    bool truncation = false;          ///< fill RenderedTile::truncated, too
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
-    [[nodiscard]] bool low_discrepancy() const { return spp > 0; }
+    [[nodiscard]] bool adaptive() const { return error > 0; }
+    [[nodiscard]] bool low_discrepancy() const { return spp > 0 || adaptive(); }
+    /// Of all pixels alike, where it is not adaptive.
     [[nodiscard]] std::uint64_t samples_per_pixel() const {
         return spp > 0 ? spp : aa > 0 ? std::uint64_t{aa} * aa : 1;
     }
@@ -42,11 +51,14 @@ struct RenderSettings {
 
 struct RenderedTile {
     Tile tile;
-    RayCounts rays;
+    RayCounts rays = {};
+    // Of each pixel, of an adaptive picture: its samples, and what its error is thought to be: root
+    // of the mean square over the colours, in units of the radiance.
+    std::vector<float> samples = {}, error = {};
     /// Of each pixel, if settings.truncation asks for it, the weight (of the colour that has the
     /// most) of the rays that were not followed: below the cut level, out of depth, beyond the
     /// budget. Light of 1 from everywhere is missing so much at most. Of the fast kernel alone.
-    std::vector<float> truncated;
+    std::vector<float> truncated = {};
 };
 
 /// A scene made ready for rendering. Immutable; shared by all render threads.

@@ -44,6 +44,7 @@ struct SampleBlock {
     std::span<const double> x, y;   ///< from the top left, 0 to 1, or somewhat beside
     std::span<double> rgb;          ///< radiance, scene-linear: three to a sample
     std::span<double> lost;         ///< likewise: the weight of rays not followed. May be empty
+    std::span<double> cut;          ///< likewise: of those below the cut level alone
     std::span<std::uint64_t> paths; ///< what it met, as a number. May be empty
     std::span<std::uint32_t> rays;  ///< that were traced for it, without shadow rays
 };

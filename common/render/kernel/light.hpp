@@ -143,17 +143,22 @@ inline void BlockTracer<has>::add_light(std::size_t groups) {
     }
 }
 
-/// What was hit, of which colour it is there, and which lights light it.
+/// What was hit, in which field of a chequer, and which lights light it.
 template <Features has>
 inline void BlockTracer<has>::note_paths(const Incidence& at) {
+    const Material& material = *at.group.material;
+    const bool chequered = at.textured && material.pattern != Material::Pattern::plain;
+    Wide i{}, j{};
+    if (chequered)
+        fields_at(material, at.hit.place, tables_.center, i, j);
     for (unsigned left = bits_of(at.group.active); left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
-        std::uint64_t what = 2 * static_cast<std::uint64_t>(at.owner[lane]) + 1;
-        what ^= static_cast<std::uint64_t>(at.path[lane]) + (at.group.leaving ? 1u << 31 : 0);
-        if (at.textured)
-            for (const double part : {at.kd.x[lane], at.kd.y[lane], at.kd.z[lane]})
-                what = 3 * what + std::bit_cast<std::uint64_t>(part);
-        note_path(wave_.rays.samples()[at.group.index[lane]], what);
+        std::uint64_t what = 2 * static_cast<std::uint64_t>(at.owner[lane]) + at.group.leaving;
+        what ^= static_cast<std::uint64_t>(at.path[lane]);
+        if (chequered)
+            what += 3 * std::bit_cast<std::uint64_t>(i[lane]) +
+                    5 * std::bit_cast<std::uint64_t>(j[lane]);
+        note_path(wave_.rays.samples()[at.group.index[lane]], what + 1);
     }
 }
 
@@ -321,7 +326,7 @@ inline void BlockTracer<has>::send_on(const Incidence& at) {
             refracts = pass_through(at, mirrored, refracted_dir, refracted_coefficient);
     const Wide3 reflected_coefficient = mirrored * at.coefficient;
     const Mask reflects = at.group.active & ~below_cut(reflected_coefficient);
-    if (block_.lost != nullptr) {
+    if (block_.lost != nullptr || block_.cut != nullptr) {
         lose(at, at.group.active & ~refracts, refracted_coefficient);
         lose(at, at.group.active & ~reflects, reflected_coefficient);
     }
@@ -371,10 +376,10 @@ FRAJA_WIDE void BlockTracer<has>::send(const Incidence& at, int lane, const Wide
     const std::uint32_t from = at.group.index[lane];
     const std::uint32_t sample = rays.samples()[from];
     if (wave_.depth == 1)
-        return lose(sample, coefficient, lane);
+        return add_weight(block_.lost, sample, coefficient, lane);
     if (++block_.rays[sample] > rays_per_sample_max) {
         result_.budget_spent = true;
-        return lose(sample, coefficient, lane);
+        return add_weight(block_.lost, sample, coefficient, lane);
     }
     const std::size_t to = next_.add();
     next_.reals(origin_x)[to] = at.hit.place.x[lane];
@@ -401,12 +406,15 @@ FRAJA_WIDE void BlockTracer<has>::send(const Incidence& at, int lane, const Wide
     ++(crosses ? result_.counts.refracted : result_.counts.reflected);
 }
 
-/// Notes the weight of rays that are not followed.
+/// Notes the weight of rays below the cut level.
 template <Features has>
 inline void BlockTracer<has>::lose(const Incidence& at, Mask rays, const Wide3& coefficient) {
     for (unsigned left = bits_of(rays); left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
-        lose(wave_.rays.samples()[at.group.index[lane]], coefficient, lane);
+        const std::uint32_t sample = wave_.rays.samples()[at.group.index[lane]];
+        add_weight(block_.lost, sample, coefficient, lane);
+        if (wave_.depth > 1)
+            add_weight(block_.cut, sample, coefficient, lane);
     }
 }
 

@@ -21,7 +21,7 @@ public:
         if (!entry_)
             return entry_.error();
         const auto or_null = [](auto span) { return span.empty() ? nullptr : span.data(); };
-        const Rgb cut = cut_level(scene_->world, settings.exact);
+        const Rgb cut = cut_level(scene_->world, settings);
         const BlockResult drawn = (*entry_)->draw_block(
             program_->tables(), {.depth = settings.depth, .cut = {cut.x, cut.y, cut.z}},
             {.count = static_cast<std::uint32_t>(block.x.size()),
@@ -29,6 +29,7 @@ public:
              .y = block.y.data(),
              .rgb = block.rgb.data(),
              .lost = or_null(block.lost),
+             .cut = or_null(block.cut),
              .paths = or_null(block.paths),
              .rays = block.rays.data()},
             {&control, &report});

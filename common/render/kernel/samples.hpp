@@ -26,6 +26,8 @@ inline BlockResult BlockTracer<has>::draw(const SampleJob& job, const Block& blo
     std::fill_n(block_.rgb, 3 * std::size_t{block_.count}, 0.0);
     if (block_.lost != nullptr)
         std::fill_n(block_.lost, 3 * std::size_t{block_.count}, draws ? 0.0 : 1.0);
+    if (block_.cut != nullptr)
+        std::fill_n(block_.cut, 3 * std::size_t{block_.count}, seen ? 0.0 : 1.0);
     if (draws)
         draw_samples();
     report_now();

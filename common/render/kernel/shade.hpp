@@ -54,6 +54,14 @@ FRAJA_WIDE Wide3 diffuse_at(const Material& m, Wide3 place, const double (&cente
     return select(one, all_lanes3(m.kd), all_lanes3(m.kd_two));
 }
 
+/// Which fields of a chequer places lie in: two whole numbers.
+FRAJA_WIDE void fields_at(const Material& m, Wide3 place, const double (&center)[3], Wide& i,
+                          Wide& j) {
+    const bool exchanged = m.pattern == Material::Pattern::hamier;
+    i = round_down((place.x + center[0] - (exchanged ? m.y : m.x)) / m.step);
+    j = round_down((place.y + center[1] - (exchanged ? m.x : m.y)) / m.step);
+}
+
 struct WideRefraction {
     Mask total; ///< reflection: nothing goes on
     Wide reflectance;

@@ -194,6 +194,7 @@ struct Block {
     const double *x, *y;  ///< from the top left, 0 to 1, or somewhat beside
     double* rgb;          ///< three to a sample
     double* lost;         ///< likewise: the weight of rays not followed; null: not asked for
+    double* cut;          ///< likewise: of those below the cut level alone
     std::uint64_t* paths; ///< what a sample met, as a number; null: not asked for
     std::uint32_t* rays;  ///< that it took
 };

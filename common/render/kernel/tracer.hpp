@@ -147,12 +147,11 @@ private:
     void note_paths(const Incidence& at);
     void note_path(std::uint32_t sample, std::uint64_t what);
     void lose(const Incidence& at, Mask rays, const Wide3& coefficient);
-    void lose(std::uint32_t sample, const Wide3& coefficient, int lane) {
-        if (block_.lost == nullptr)
+    static void add_weight(double* to, std::uint32_t sample, const Wide3& coefficient, int lane) {
+        if (to == nullptr)
             return;
-        double* lost = block_.lost + 3 * std::size_t{sample};
-        lost[0] += coefficient.x[lane], lost[1] += coefficient.y[lane];
-        lost[2] += coefficient.z[lane];
+        to += 3 * std::size_t{sample};
+        to[0] += coefficient.x[lane], to[1] += coefficient.y[lane], to[2] += coefficient.z[lane];
     }
 
     [[nodiscard]] Mask below_cut(Wide3 c) const {

@@ -28,6 +28,7 @@ public:
             tracer.report_rays();
         }
         std::ranges::fill(block.lost, 0.0); // not known
+        std::ranges::fill(block.cut, 0.0);
         // Nor is what they met: so no two places have met the same.
         for (std::size_t i = 0; i < block.paths.size(); ++i)
             block.paths[i] = std::bit_cast<std::uint64_t>(block.x[i]) * 0x9e3779b97f4a7c15 +

@@ -30,7 +30,7 @@ struct Tracer::Incidence {
 Tracer::Tracer(const Model& model, const RenderSettings& settings, RenderControl& control,
                Interrupt& interrupt)
     : model_(model), settings_(settings), control_(control), interrupt_(interrupt),
-      solids_(model, interrupt), cut_(cut_level(model.scene->world, settings.exact)) {}
+      solids_(model, interrupt), cut_(cut_level(model.scene->world, settings)) {}
 
 std::optional<Rgb> Tracer::radiance(double x, double y) {
     interrupt_.poll();

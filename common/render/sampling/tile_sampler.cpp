@@ -1,7 +1,11 @@
 #include "common/render/sampling/tile_sampler.hpp"
 
+#include "common/render/sampling/estimate.hpp"
+#include "common/render/sampling/sample_queue.hpp"
+
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 namespace fraja {
 namespace {
@@ -24,168 +28,243 @@ std::uint32_t block_side(std::uint64_t samples_per_pixel) {
     return side;
 }
 
-/// Calls f(column, row) for the pixels of a rectangle in squares of four by four, which a kernel
-/// draws together, until it answers false.
+/// Calls f(square) for the parts of a rectangle, until it answers false.
 template <class F>
-bool for_each_pixel(PixelRect rect, F&& f) {
-    constexpr std::uint32_t side = 4;
-    const std::uint32_t right = rect.x + rect.width, bottom = rect.y + rect.height;
-    for (std::uint32_t y = rect.y; y < bottom; y += side)
-        for (std::uint32_t x = rect.x; x < right; x += side)
-            for (std::uint32_t row = y; row < std::min(y + side, bottom); ++row)
-                for (std::uint32_t column = x; column < std::min(x + side, right); ++column)
-                    if (!f(column, row))
-                        return false;
+bool for_each_square(PixelRect rect, std::uint32_t side, F&& f) {
+    for (std::uint32_t y = 0; y < rect.height; y += side)
+        for (std::uint32_t x = 0; x < rect.width; x += side)
+            if (!f({rect.x + x, rect.y + y, std::min(side, rect.width - x),
+                    std::min(side, rect.height - y)}))
+                return false;
     return true;
+}
+
+std::uint32_t index_in(const PixelRect& rect, std::uint32_t column, std::uint32_t row) {
+    return (row - rect.y) * rect.width + (column - rect.x);
+}
+
+/// What few settings, or few pixels, need.
+class Losses {
+public:
+    Losses(std::uint64_t pixels, bool wanted) : pixels_(pixels), wanted_(wanted) {}
+
+    void add(const PixelRun& run, bool budget_spent) {
+        if (!wanted_ && !budget_spent)
+            return;
+        of_.resize(pixels_);
+        Loss& loss = of_[run.pixel];
+        for (std::size_t i = 0; i < run.lost.size(); ++i)
+            loss.rgb[i % 3] += run.lost[i];
+        for (const std::uint32_t rays : run.rays)
+            loss.budget_spent |= rays > rays_per_sample_max;
+    }
+    [[nodiscard]] std::uint64_t budgets_spent() const {
+        return static_cast<std::uint64_t>(std::ranges::count(of_, true, &Loss::budget_spent));
+    }
+    /// Of a pixel's samples, in the colour that has the most.
+    [[nodiscard]] double greatest(std::size_t pixel) const {
+        const auto& rgb = of_[pixel].rgb;
+        return *std::max_element(rgb, rgb + 3);
+    }
+
+private:
+    struct Loss {
+        double rgb[3] = {};
+        bool budget_spent = false;
+    };
+    std::uint64_t pixels_;
+    bool wanted_;
+    std::vector<Loss> of_;
+};
+
+} // namespace
+
+// --------------------------------------------------------------------------------- as many for
+// each
+
+Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettings& settings,
+                                  PixelRect rect, RenderControl& control) {
+    RenderedTile result{.tile = {.rect = rect, .rgb = {}}};
+    struct Sum {
+        double rgb[3] = {};
+    };
+    std::vector<Sum> sums(rect.pixel_count());
+    Losses losses(rect.pixel_count(), settings.truncation);
+    SampleQueue queue(scene, settings, rect, control);
+    queue.set_extras({.lost = settings.truncation});
+    const auto collect = [&](const PixelRun& run) {
+        double* const sum = sums[run.pixel].rgb;
+        for (std::size_t i = 0; i < run.rgb.size(); i += 3)
+            sum[0] += run.rgb[i], sum[1] += run.rgb[i + 1], sum[2] += run.rgb[i + 2];
+        losses.add(run, queue.budget_spent());
+    };
+    const std::uint64_t per_pixel = settings.depth == 0 ? 1 : settings.samples_per_pixel();
+    const bool drawn = for_each_square(rect, block_side(per_pixel), [&](PixelRect square) {
+        return for_each_pixel(square,
+                              [&](std::uint32_t column, std::uint32_t row) {
+                                  return queue.add(index_in(rect, column, row), column, row, 0,
+                                                   per_pixel, collect);
+                              }) &&
+               queue.draw(collect);
+    });
+    if (!drawn)
+        return queue.error();
+    const double weight = 1.0 / static_cast<double>(per_pixel);
+    result.tile.rgb.resize(3 * sums.size());
+    float* to = result.tile.rgb.data();
+    for (const Sum& sum : sums)
+        for (const double component : sum.rgb)
+            *to++ = as_float(component * weight);
+    if (settings.truncation)
+        for (std::size_t i = 0; i < sums.size(); ++i)
+            result.truncated.push_back(as_float(losses.greatest(i) * weight));
+    result.rays = queue.rays();
+    result.rays.truncated_pixels = losses.budgets_spent();
+    return result;
+}
+
+// ------------------------------------------------------------------------------ as many as it
+// needs
+
+namespace {
+
+/// The pixels of a tile and those around it, in the picture.
+PixelRect with_halo(PixelRect rect, Extent size) {
+    const std::uint32_t left = std::max(rect.x, 1u) - 1, top = std::max(rect.y, 1u) - 1;
+    const std::uint32_t right = std::min(rect.x + rect.width + 1, size.width);
+    const std::uint32_t bottom = std::min(rect.y + rect.height + 1, size.height);
+    return {left, top, right - left, bottom - top};
+}
+
+class AdaptiveTile {
+public:
+    AdaptiveTile(const CompiledScene& scene, const RenderSettings& settings, PixelRect rect,
+                 RenderControl& control)
+        : settings_(settings), rect_(rect), around_(with_halo(rect, settings.size)),
+          queue_(scene, settings, around_, control), base_(around_.pixel_count()),
+          pixels_(rect.pixel_count()), losses_(rect.pixel_count(), settings.truncation) {}
+
+    Result<RenderedTile> draw() {
+        if (!draw_base() || !refine())
+            return queue_.error();
+        return result();
+    }
+
+private:
+    [[nodiscard]] bool draw_base();
+    [[nodiscard]] bool refine();
+    [[nodiscard]] bool enough(std::uint32_t column, std::uint32_t row);
+    [[nodiscard]] BaseSamples base_around(std::uint32_t column, std::uint32_t row) const;
+    [[nodiscard]] RenderedTile result() const;
+
+    const RenderSettings& settings_;
+    PixelRect rect_, around_;
+    SampleQueue queue_;
+    std::vector<BaseSamples> base_; ///< of around_
+    std::vector<PixelSamples> pixels_;
+    Losses losses_;
+    struct Place {
+        std::uint32_t column, row;
+    };
+    std::vector<Place> waiting_; ///< for more samples
+};
+
+bool AdaptiveTile::draw_base() {
+    queue_.set_extras({.lost = settings_.truncation, .cut = true, .paths = true});
+    const auto collect = [&](PixelRun run) {
+        base_[run.pixel].add(run.rgb, run.paths, run.first == 0);
+        const std::uint32_t column = around_.x + run.pixel % around_.width;
+        const std::uint32_t row = around_.y + run.pixel / around_.width;
+        if (!PixelRect{column, row, 1, 1}.inside(rect_))
+            return;
+        run.pixel = index_in(rect_, column, row);
+        pixels_[run.pixel].add(run.rgb, run.cut);
+        losses_.add(run, queue_.budget_spent());
+    };
+    const bool drawn = for_each_square(around_, block_side(base_samples), [&](PixelRect square) {
+        return for_each_pixel(square,
+                              [&](std::uint32_t column, std::uint32_t row) {
+                                  return queue_.add(index_in(around_, column, row), column, row, 0,
+                                                    base_samples, collect);
+                              }) &&
+               queue_.draw(collect);
+    });
+    if (!drawn)
+        return false;
+    for_each_pixel(rect_, [&](std::uint32_t column, std::uint32_t row) {
+        if (!enough(column, row))
+            waiting_.push_back({column, row});
+        return true;
+    });
+    return true;
+}
+
+/// Doubles the samples of those that wait, until none does.
+bool AdaptiveTile::refine() {
+    queue_.set_extras({.lost = settings_.truncation, .cut = true});
+    const auto collect = [&](const PixelRun& run) {
+        pixels_[run.pixel].add(run.rgb, run.cut);
+        losses_.add(run, queue_.budget_spent());
+    };
+    while (!waiting_.empty()) {
+        for (const auto [column, row] : waiting_) {
+            const std::uint32_t index = index_in(rect_, column, row);
+            const std::uint32_t count = pixels_[index].count();
+            pixels_[index].double_expected();
+            if (!queue_.add(index, column, row, count, count, collect))
+                return false;
+        }
+        if (!queue_.draw(collect))
+            return false;
+        std::erase_if(waiting_, [&](const Place& at) { return enough(at.column, at.row); });
+    }
+    return true;
+}
+
+bool AdaptiveTile::enough(std::uint32_t column, std::uint32_t row) {
+    PixelSamples& pixel = pixels_[index_in(rect_, column, row)];
+    pixel.judge();
+    return pixel.count() > settings_.max_samples / 2 ||
+           pixel.bound(base_around(column, row)) <= settings_.error / levels_per_unit;
+}
+
+BaseSamples AdaptiveTile::base_around(std::uint32_t column, std::uint32_t row) const {
+    BaseSamples all = base_[index_in(around_, column, row)];
+    const PixelRect r = with_halo({column, row, 1, 1}, settings_.size);
+    for (std::uint32_t y = r.y; y < r.y + r.height; ++y)
+        for (std::uint32_t x = r.x; x < r.x + r.width; ++x)
+            all.join(base_[index_in(around_, x, y)]);
+    return all;
+}
+
+RenderedTile AdaptiveTile::result() const {
+    RenderedTile result{.tile = {.rect = rect_, .rgb = {}}};
+    for (std::size_t i = 0; i < pixels_.size(); ++i) {
+        const PixelSamples& pixel = pixels_[i];
+        for (const double component : pixel.mean())
+            result.tile.rgb.push_back(as_float(component));
+        result.samples.push_back(static_cast<float>(pixel.count()));
+        result.error.push_back(as_float(pixel.error()));
+        if (settings_.truncation)
+            result.truncated.push_back(as_float(losses_.greatest(i) / pixel.count()));
+    }
+    result.rays = queue_.rays();
+    result.rays.truncated_pixels = losses_.budgets_spent();
+    return result;
 }
 
 } // namespace
 
-/// The block at work.
-struct TileSampler::Buffers {
-    /// A pixel's samples, behind those of the one before.
-    struct Span {
-        std::uint32_t pixel;
-        std::uint16_t samples;
-        bool first; ///< among them is the pixel's first
-    };
-    Span spans[block_samples_max];
-    std::uint32_t span_count = 0, samples = 0;
-    double x[block_samples_max], y[block_samples_max];
-    double rgb[3 * block_samples_max];
-    double lost[3 * block_samples_max];
-    std::uint32_t rays[block_samples_max];
-};
-
-TileSampler::TileSampler(const CompiledScene& scene, const RenderSettings& settings, PixelRect rect,
-                         RenderControl& control)
-    : scene_(scene), settings_(settings), places_(settings, rect),
-      control_(control), result_{.tile = {.rect = rect, .rgb = {}}, .rays = {}, .truncated = {}},
-      pixels_(rect.pixel_count()), buffers_(new Buffers) {}
-
-Result<RenderedTile> TileSampler::draw() {
-    if (!draw_all_alike())
-        return *error_;
-    finish();
-    return std::move(result_);
-}
-
-bool TileSampler::draw_all_alike() {
-    const std::uint64_t per_pixel = settings_.depth == 0 ? 1 : settings_.samples_per_pixel();
-    const std::uint32_t side = block_side(per_pixel);
-    const PixelRect& rect = result_.tile.rect;
-    for (std::uint32_t y = 0; y < rect.height; y += side)
-        for (std::uint32_t x = 0; x < rect.width; x += side) {
-            const PixelRect square{rect.x + x, rect.y + y, std::min(side, rect.width - x),
-                                   std::min(side, rect.height - y)};
-            const bool drawn = for_each_pixel(square, [&](std::uint32_t column, std::uint32_t row) {
-                return add(column, row, 0, per_pixel);
-            });
-            if (!drawn || !draw_block())
-                return false;
-        }
-    return true;
-}
-
-/// Asks for samples of a pixel.
-bool TileSampler::add(std::uint32_t column, std::uint32_t row, std::uint64_t first,
-                      std::uint64_t count) {
-    const PixelRect& rect = result_.tile.rect;
-    const std::uint32_t pixel = (row - rect.y) * rect.width + (column - rect.x);
-    Buffers& b = *buffers_;
-    while (count > 0) {
-        if (b.samples == block_samples_max && !draw_block())
-            return false;
-        const auto now = static_cast<std::uint32_t>(
-            std::min<std::uint64_t>(count, block_samples_max - b.samples));
-        places_.fill(column, row, first, now, b.x + b.samples, b.y + b.samples);
-        b.spans[b.span_count++] = {pixel, static_cast<std::uint16_t>(now), first == 0};
-        b.samples += now, first += now, count -= now;
-    }
-    return true;
-}
-
-/// Draws what was asked for, if anything.
-bool TileSampler::draw_block() {
-    Buffers& b = *buffers_;
-    const std::size_t n = b.samples;
-    if (n == 0)
-        return true;
-    const auto drawn = scene_.draw_samples(
-        settings_,
-        {.x = {b.x, n},
-         .y = {b.y, n},
-         .rgb = {b.rgb, 3 * n},
-         .lost = settings_.truncation ? std::span(b.lost, 3 * n) : std::span<double>(),
-         .paths = {},
-         .rays = {b.rays, n}},
-        control_);
-    if (!drawn) {
-        error_ = drawn.error();
-        return false;
-    }
-    collect(*drawn);
-    b.span_count = b.samples = 0;
-    return true;
-}
-
-/// To their pixels.
-void TileSampler::collect(const DrawnBlock& drawn) {
-    const Buffers& b = *buffers_;
-    result_.rays += drawn.rays;
-    const double* rgb = b.rgb;
-    for (std::size_t s = 0; s < b.span_count; ++s) {
-        Pixel& pixel = pixels_[b.spans[s].pixel];
-        pixel.samples += b.spans[s].samples;
-        for (const double* const end = rgb + 3 * b.spans[s].samples; rgb < end; rgb += 3)
-            pixel.rgb[0] += rgb[0], pixel.rgb[1] += rgb[1], pixel.rgb[2] += rgb[2];
-    }
-    if (drawn.skipped)
-        for (std::size_t s = 0; s < b.span_count; ++s)
-            result_.rays.skipped_pixels += b.spans[s].first;
-    if (settings_.truncation || drawn.budget_spent)
-        collect_losses();
-}
-
-void TileSampler::collect_losses() {
-    const Buffers& b = *buffers_;
-    losses_.resize(pixels_.size());
-    std::size_t i = 0;
-    for (std::size_t s = 0; s < b.span_count; ++s) {
-        Loss& loss = losses_[b.spans[s].pixel];
-        for (const std::size_t end = i + b.spans[s].samples; i < end; ++i) {
-            if (settings_.truncation)
-                for (std::size_t c = 0; c < 3; ++c)
-                    loss.rgb[c] += b.lost[3 * i + c];
-            loss.budget_spent |= b.rays[i] > rays_per_sample_max;
-        }
-    }
-}
-
-void TileSampler::finish() {
-    result_.tile.rgb.resize(3 * pixels_.size());
-    float* rgb = result_.tile.rgb.data();
-    std::uint64_t samples = 1;
-    double weight = 1;
-    for (const Pixel& pixel : pixels_) {
-        if (pixel.samples != samples)
-            samples = pixel.samples, weight = 1.0 / static_cast<double>(samples);
-        for (const double sum : pixel.rgb)
-            *rgb++ = as_float(sum * weight);
-    }
-    for (const Loss& loss : losses_)
-        result_.rays.truncated_pixels += loss.budget_spent;
-    if (settings_.truncation)
-        for (std::size_t i = 0; i < pixels_.size(); ++i)
-            result_.truncated.push_back(
-                as_float(*std::max_element(losses_[i].rgb, losses_[i].rgb + 3) /
-                         static_cast<double>(pixels_[i].samples)));
+Result<RenderedTile> draw_adaptive(const CompiledScene& scene, const RenderSettings& settings,
+                                   PixelRect rect, RenderControl& control) {
+    return AdaptiveTile(scene, settings, rect, control).draw();
 }
 
 Result<RenderedTile> CompiledScene::render_tile(const RenderSettings& settings, PixelRect rect,
                                                 RenderControl& control) const {
     FRAJA_ASSERT(!rect.empty() && rect.inside(settings.size));
-    return TileSampler(*this, settings, rect, control).draw();
+    return settings.adaptive() ? draw_adaptive(*this, settings, rect, control)
+                               : draw_uniform(*this, settings, rect, control);
 }
 
 } // namespace fraja

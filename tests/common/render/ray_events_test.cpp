@@ -91,8 +91,8 @@ TEST_CASE("a colour that no light has is cut at 0 with exact, and never kept ali
     World world;
     world.ambient_light = {0.5, 0.25, 0};
     world.lights.push_back(PointLight{{}, {0.5, 0.75, 0}});
-    CHECK(cut_level(world, true) == Rgb{0, 0, 0});
-    const Rgb cut = cut_level(world, false);
+    CHECK(cut_level(world, {.exact = true}) == Rgb{0, 0, 0});
+    const Rgb cut = cut_level(world, {});
     CHECK(cut.x == 1.0 * (1 / 765.0));
     CHECK(cut.y == 1.0 * (1 / 765.0));
     CHECK(cut.z == std::numeric_limits<double>::infinity());
@@ -102,7 +102,7 @@ TEST_CASE("the cut level counts the brighter of ambient and background light") {
     World world;
     world.ambient_light = {0.5, 0.25, 1};
     world.background_light = {0.25, 0.5, 1};
-    const Rgb cut = cut_level(world, false);
+    const Rgb cut = cut_level(world, {});
     CHECK(cut == Rgb{2 * (1 / 765.0), 2 * (1 / 765.0), 1 / 765.0});
 }
 
