@@ -8,7 +8,6 @@
 namespace fraja::broker {
 namespace {
 
-constexpr std::uint64_t pixel_bytes = 3 * sizeof(float);
 constexpr std::uint64_t tile_overhead_bytes = 300; // a result's own fields and allocations
 
 } // namespace
@@ -83,7 +82,7 @@ void Job::drop_unfinished() {
 }
 
 std::uint64_t Job::stored_bytes() const {
-    return submission_.settings.crop.pixel_count() * pixel_bytes +
+    return submission_.settings.crop.pixel_count() * submission_.settings.pixel_bytes() +
            plan_.size() * tile_overhead_bytes;
 }
 

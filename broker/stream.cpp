@@ -80,7 +80,8 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
     std::uint64_t bytes = 0;
     const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
     const std::uint32_t left = job->missing(Bitmap(Bytes(wish.have)), [&](const TileDone& result) {
-        const std::uint64_t size = result.rect.pixel_count() * 3 * sizeof(float);
+        const std::uint64_t size =
+            result.rect.pixel_count() * job->submission().settings.pixel_bytes();
         if (tiles >= tiles_max || (tiles > 0 && bytes + size > limits_.repair_bytes_max))
             return false;
         ++tiles;

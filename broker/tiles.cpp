@@ -132,7 +132,8 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     std::uint64_t bytes = 0;
     for (const Blob& blob : answer.blobs)
         bytes += blob->size();
-    const std::uint64_t wanted = job->rect(answer.tile).pixel_count() * 3 * sizeof(float);
+    const std::uint64_t wanted =
+        job->rect(answer.tile).pixel_count() * job->submission().settings.pixel_bytes();
     if (bytes != wanted)
         return take_back(peer, key, true, worker,
                          "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +

@@ -18,7 +18,6 @@ constexpr Duration fruitless_pause = 250ms; // after a repair that should have b
 
 constexpr Duration elapsed_max = 24h * 36'500; // more can hardly be true
 
-constexpr std::uint64_t pixel_bytes = 12;
 constexpr std::uint64_t repair_bytes = std::uint64_t{16} << 20; // in one answer, about
 constexpr std::uint64_t repair_tiles_max = 256;
 
@@ -46,7 +45,8 @@ bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
 std::uint32_t tiles_per_repair(const protocol::JobState& state) {
     const std::uint64_t pixels = state.settings.crop.pixel_count();
     const std::uint64_t tile_bytes =
-        std::max<std::uint64_t>(1, pixels / std::max(state.tile_count, 1u)) * pixel_bytes;
+        std::max<std::uint64_t>(1, pixels / std::max(state.tile_count, 1u)) *
+        state.settings.pixel_bytes();
     return static_cast<std::uint32_t>(
         std::clamp<std::uint64_t>(repair_bytes / tile_bytes, 1, repair_tiles_max));
 }
@@ -144,7 +144,7 @@ bool Follower::fits(const protocol::TileDone& tile) const {
     std::uint64_t bytes = 0;
     for (const Blob& blob : tile.blobs)
         bytes += blob->size();
-    return bytes == pixel_bytes * tile.rect.pixel_count();
+    return bytes == state_.settings.pixel_bytes() * tile.rect.pixel_count();
 }
 
 void Follower::take(Instant now, const protocol::JobState& state, bool digest,

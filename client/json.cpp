@@ -1,6 +1,6 @@
 #include "client/json.hpp"
 
-#include "client/picture.hpp"
+#include "common/image/quantise.hpp"
 
 #include <ctime>
 #include <fmt/core.h>
@@ -33,6 +33,10 @@ Json settings_object(const protocol::PictureSettings& s) {
             {"crop", {s.crop.x, s.crop.y, s.crop.width, s.crop.height}},
             {"depth", s.depth},
             {"aa", s.aa},
+            {"spp", s.spp},
+            {"error", s.error},
+            {"max_samples", s.max_samples},
+            {"filter", to_string(s.filter)},
             {"exact", s.exact},
             {"kernel", to_string(s.kernel)}};
 }
@@ -131,6 +135,10 @@ std::string submit_json(const SubmissionReport& r) {
         json["tile_count"] = r.job.tile_count;
         json["done_count"] = r.job.done_count;
         json["workers"] = r.workers;
+        if (r.estimate)
+            json["estimate"] = {{"samples_per_pixel", r.estimate->samples},
+                                {"rms_error", r.estimate->rms_error},
+                                {"rms_error_levels", levels_per_unit * r.estimate->rms_error}};
         add_counts(json, r.job.rays);
         json["render_s"] = seconds(r.job.render_time);
         json["elapsed_s"] = seconds(r.job.elapsed);

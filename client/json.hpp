@@ -2,10 +2,12 @@
 #pragma once
 
 #include "client/exit_code.hpp"
+#include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <chrono>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -30,7 +32,8 @@ struct SubmissionReport {
     protocol::JobState job; ///< zero where none was acknowledged
     protocol::PictureSettings settings;
     ContentHash scene;
-    std::string output;      ///< empty: none was written
+    std::string output; ///< empty: none was written
+    std::optional<Estimate> estimate;
     std::size_t workers = 0; ///< that rendered at least one tile
     std::chrono::system_clock::time_point started, finished;
 };

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <fmt/core.h>
 #include <string>
 #include <utility>
 
@@ -20,8 +22,8 @@ static_assert(std::endian::native == std::endian::little, "pixels travel little-
 
 /// The floats of a tile: its blobs one after the other. A float may be cut in two.
 std::vector<float> floats_of(const std::vector<Blob>& blobs, std::size_t float_count) {
-    std::vector<float> rgb(float_count);
-    auto* to = reinterpret_cast<std::byte*>(rgb.data());
+    std::vector<float> floats(float_count);
+    auto* to = reinterpret_cast<std::byte*>(floats.data());
     std::size_t left = float_count * sizeof(float);
     for (const Blob& blob : blobs) {
         FRAJA_ASSERT(blob->size() <= left);
@@ -31,16 +33,46 @@ std::vector<float> floats_of(const std::vector<Blob>& blobs, std::size_t float_c
         left -= blob->size();
     }
     FRAJA_ASSERT(left == 0);
-    return rgb;
+    return floats;
+}
+
+Tile tile_of(const protocol::TileDone& done, bool estimates) {
+    const std::size_t pixels = done.rect.pixel_count();
+    std::vector<float> floats = floats_of(done.blobs, (estimates ? 5 : 3) * pixels);
+    Tile tile{.rect = done.rect, .rgb = {}};
+    if (estimates) {
+        const auto samples = floats.begin() + static_cast<std::ptrdiff_t>(3 * pixels);
+        const auto error = samples + static_cast<std::ptrdiff_t>(pixels);
+        tile.samples.assign(samples, error);
+        tile.error.assign(error, floats.end());
+        floats.resize(3 * pixels);
+    }
+    tile.rgb = std::move(floats);
+    return tile;
 }
 
 } // namespace
 
-Picture::Picture(const protocol::PictureSettings& settings) : film_(settings.size, settings.crop) {}
+Picture::Picture(const protocol::PictureSettings& settings)
+    : film_(settings.size, settings.crop,
+            settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
 
 void Picture::place(const protocol::TileDone& tile) {
-    film_.place(Tile{tile.rect, floats_of(tile.blobs, 3 * tile.rect.pixel_count())});
+    film_.place(tile_of(tile, !film_.error().empty()));
     pixels_placed_ += tile.rect.pixel_count();
+}
+
+std::optional<Estimate> Picture::estimate() const {
+    const auto error = film_.error();
+    if (error.empty() || pixels_placed_ < error.size())
+        return std::nullopt;
+    Estimate e;
+    for (std::size_t i = 0; i < error.size(); ++i) {
+        e.samples += static_cast<double>(film_.samples()[i]);
+        e.rms_error += static_cast<double>(error[i]) * static_cast<double>(error[i]);
+    }
+    const auto pixels = static_cast<double>(error.size());
+    return Estimate{.samples = e.samples / pixels, .rms_error = std::sqrt(e.rms_error / pixels)};
 }
 
 Result<void> Picture::write(const std::filesystem::path& path,
@@ -55,6 +87,10 @@ std::vector<PictureAttribute> picture_attributes(const ContentHash& scene,
             {"fraja:size", std::to_string(s.size.width) + "x" + std::to_string(s.size.height)},
             {"fraja:depth", std::to_string(s.depth)},
             {"fraja:aa", std::to_string(s.aa)},
+            {"fraja:spp", std::to_string(s.spp)},
+            {"fraja:error", fmt::format("{}", s.error)},
+            {"fraja:max_samples", std::to_string(s.max_samples)},
+            {"fraja:filter", to_string(s.filter)},
             {"fraja:exact", s.exact ? "true" : "false"},
             {"fraja:kernel", to_string(s.kernel)}};
 }
@@ -67,6 +103,29 @@ std::string to_string(protocol::KernelChoice kernel) {
         return "fast";
     }
     return "unknown";
+}
+
+std::string to_string(protocol::PixelFilter filter) {
+    switch (filter) {
+    case protocol::PixelFilter::box:
+        return "box";
+    case protocol::PixelFilter::tent:
+        return "tent";
+    }
+    return "unknown";
+}
+
+std::string settings_text(const protocol::PictureSettings& s) {
+    std::string text = fmt::format("depth {}, ", s.depth);
+    if (s.error > 0)
+        text += fmt::format("error {} with at most {} samples, ", s.error, s.max_samples);
+    else if (s.spp > 0)
+        text += fmt::format("spp {}, ", s.spp);
+    else
+        text += fmt::format("aa {}, ", s.aa);
+    if (s.filter != protocol::PixelFilter::box)
+        text += fmt::format("filter {}, ", to_string(s.filter));
+    return text + (s.exact ? "exact, " : "") + "kernel " + to_string(s.kernel);
 }
 
 void LivePicture::begin(const protocol::JobState& job, std::filesystem::path path) {

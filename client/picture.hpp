@@ -15,6 +15,12 @@
 
 namespace fraja::client {
 
+/// What is thought of a picture whose pixels have as many samples as each needs.
+struct Estimate {
+    double samples = 0;   ///< per pixel
+    double rms_error = 0; ///< over its pixels and colours, in units of the radiance
+};
+
 class Picture {
 public:
     /// `settings` must be valid. Allocates the film.
@@ -24,6 +30,9 @@ public:
     void place(const protocol::TileDone& tile);
     [[nodiscard]] std::uint64_t pixels_placed() const { return pixels_placed_; }
     [[nodiscard]] const Film& film() const { return film_; }
+
+    /// Nothing where the settings do not ask for it, or pixels are missing.
+    [[nodiscard]] std::optional<Estimate> estimate() const;
 
     /// Writes what is there. Errors: as write_picture().
     [[nodiscard]] Result<void> write(const std::filesystem::path& path,
@@ -39,6 +48,9 @@ private:
 picture_attributes(const ContentHash& scene, const protocol::PictureSettings& settings);
 
 [[nodiscard]] std::string to_string(protocol::KernelChoice kernel);
+[[nodiscard]] std::string to_string(protocol::PixelFilter filter);
+/// For people: what decides the pixels beside scene and size.
+[[nodiscard]] std::string settings_text(const protocol::PictureSettings& settings);
 
 /// A file that is kept as current as its writing allows: at most twice a second, and never more
 /// than a fifth of the time.

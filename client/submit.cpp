@@ -8,6 +8,7 @@
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "common/base/text.hpp"
+#include "common/image/quantise.hpp"
 #include "common/net/clock.hpp"
 
 #include <cmath>
@@ -142,8 +143,7 @@ private:
         fmt::print("picture   {}x{}", s.size.width, s.size.height);
         if (s.crop.pixel_count() != s.size.pixel_count())
             fmt::print(", of it {},{},{},{}", s.crop.x, s.crop.y, s.crop.width, s.crop.height);
-        fmt::print("\nsettings  depth {}, aa {}, {}kernel {}\n", s.depth, s.aa,
-                   s.exact ? "exact, " : "", to_string(s.kernel));
+        fmt::print("\nsettings  {}\n", settings_text(s));
         if (!options_.output.empty())
             fmt::print("output    {}\n", options_.output);
         std::string brokers;
@@ -181,6 +181,8 @@ private:
         if (listener.job())
             report_.job = *listener.job();
         report_.workers = listener.worker_count();
+        if (listener.picture())
+            report_.estimate = listener.picture()->estimate();
         const bool left = outcome.code == ExitCode::interrupted ||
                           outcome.code == ExitCode::terminated ||
                           outcome.code == ExitCode::timed_out;
@@ -265,6 +267,10 @@ private:
             std::chrono::duration<double>(std::chrono::system_clock::now() - report_.started)
                 .count();
         fmt::print("{}", counts_page(report_.job));
+        if (const auto& e = report_.estimate)
+            fmt::print("samples           {:.2f} per pixel\n"
+                       "error             {:.3f} levels, RMS over the picture, estimated\n",
+                       e->samples, levels_per_unit * e->rms_error);
         fmt::print("time wall         {:.3f} s\n"
                    "time job          {:.3f} s\n"
                    "time render       {:.3f} s (summed over render threads)\n",

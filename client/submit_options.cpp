@@ -23,12 +23,14 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces the instruction set of --local; it never c
 )";
 
 constexpr std::uint32_t threads_max = 2048;
+/// More is asked for than floats can tell.
+constexpr double error_min = 0.001;
 
 /// What is typed, as it is typed.
 struct Arguments {
     SharedArguments shared;
     SubmitOptions options;
-    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", timeout;
+    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", filter = "box", timeout;
     bool overwrite = false;
 };
 
@@ -48,6 +50,27 @@ void add_picture_options(CLI::App& app, Arguments& a) {
         ->capture_default_str()
         ->check(CLI::Range(0u, protocol::aa_max))
         ->type_name("N");
+    CLI::Option* const spp = app.add_option("--spp", a.options.settings.spp,
+                                            "N low-discrepancy samples per pixel, instead of --aa")
+                                 ->check(CLI::Range(1u, protocol::samples_max))
+                                 ->excludes("--aa")
+                                 ->type_name("N");
+    CLI::Option* const error =
+        app.add_option("--error", a.options.settings.error,
+                       "As many as a pixel needs until its error is about E levels of 255")
+            ->check(CLI::Range(error_min, protocol::error_max))
+            ->excludes("--aa")
+            ->excludes(spp)
+            ->type_name("E");
+    app.add_option("--max-samples", a.options.settings.max_samples, "Ceiling per pixel for --error")
+        ->capture_default_str()
+        ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
+        ->needs(error)
+        ->type_name("N");
+    app.add_option("--filter", a.filter, "Pixel filter of --spp and --error: box or tent")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"box", "tent"}))
+        ->type_name("FILTER");
     app.add_flag("-e,--exact", a.options.settings.exact, "No cut-off of faint rays");
     app.add_option("--kernel", a.kernel,
                    "Ray tracer: fast, or reference (plain, with Raja's own arithmetic)")
@@ -115,6 +138,7 @@ Result<void> read_picture(Arguments& a) {
     }
     using enum protocol::KernelChoice;
     s.kernel = a.kernel == "reference" ? reference : fast;
+    s.filter = a.filter == "tent" ? protocol::PixelFilter::tent : protocol::PixelFilter::box;
     if (a.options.local && s.kernel == fast)
         if (const auto isa = kernel::instruction_set(); !isa)
             return invalid_option(isa.error().message);

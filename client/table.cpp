@@ -119,8 +119,7 @@ std::string job_page(const protocol::JobState& s) {
                         p.size.height);
     if (p.crop.pixel_count() != p.size.pixel_count())
         text += fmt::format(", of it {},{},{},{}", p.crop.x, p.crop.y, p.crop.width, p.crop.height);
-    text += fmt::format("\nsettings  depth {}, aa {}, {}kernel {}\n", p.depth, p.aa,
-                        p.exact ? "exact, " : "", to_string(p.kernel));
+    text += fmt::format("\nsettings  {}\n", settings_text(p));
     text += fmt::format("tiles     {} of {} done, {} in flight at {} worker(s)\n", s.done_count,
                         s.tile_count, s.in_flight_count, s.worker_count);
     text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",

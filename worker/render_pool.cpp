@@ -28,7 +28,14 @@ Kernel kernel_of(protocol::KernelChoice choice) {
 }
 
 RenderSettings render_settings(const protocol::PictureSettings& s) {
-    return {.size = s.size, .depth = s.depth, .aa = s.aa, .exact = s.exact};
+    return {.size = s.size,
+            .depth = s.depth,
+            .aa = s.aa,
+            .spp = s.spp,
+            .error = s.error,
+            .max_samples = s.max_samples,
+            .filter = s.filter == protocol::PixelFilter::tent ? Filter::tent : Filter::box,
+            .exact = s.exact};
 }
 
 protocol::Rays rays_of(const RayCounts& r) {
@@ -92,18 +99,18 @@ std::byte byte_of(std::uint32_t bits, unsigned index) {
 std::vector<Blob> pixel_blobs(const Tile& tile) {
     static_assert(sizeof(float) == 4 && std::numeric_limits<float>::is_iec559);
     static_assert(protocol::chunk_bytes % sizeof(float) == 0);
-    constexpr std::size_t floats_per_blob = protocol::chunk_bytes / sizeof(float);
     std::vector<Blob> blobs;
-    for (std::size_t first = 0; first < tile.rgb.size(); first += floats_per_blob) {
-        const std::size_t count = std::min(floats_per_blob, tile.rgb.size() - first);
-        Bytes bytes(count * sizeof(float));
-        for (std::size_t i = 0; i < count; ++i) {
-            const auto bits = std::bit_cast<std::uint32_t>(tile.rgb[first + i]);
+    Bytes bytes;
+    for (const std::vector<float>* floats : {&tile.rgb, &tile.samples, &tile.error})
+        for (const float value : *floats) {
+            const auto bits = std::bit_cast<std::uint32_t>(value);
             for (unsigned b = 0; b < 4; ++b)
-                bytes[4 * i + b] = byte_of(bits, b);
+                bytes.push_back(byte_of(bits, b));
+            if (bytes.size() == protocol::chunk_bytes)
+                blobs.push_back(make_blob(std::exchange(bytes, {})));
         }
+    if (!bytes.empty())
         blobs.push_back(make_blob(std::move(bytes)));
-    }
     return blobs;
 }
 

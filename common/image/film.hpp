@@ -12,24 +12,30 @@ namespace fraja {
 /// Scene-linear RGB of the pixels `region` of a picture of `size`. Black where no tile was placed.
 class Film {
 public:
+    /// Whether each pixel's samples and error are kept, too.
+    enum class Keeps { colours, estimates };
     /// `region` must lie inside `size` (asserted); it may be empty.
-    Film(Extent size, PixelRect region);
+    Film(Extent size, PixelRect region, Keeps keeps = Keeps::colours);
     /// The whole picture.
     explicit Film(Extent size) : Film(size, {0, 0, size.width, size.height}) {}
 
     /// Copies the tile's pixels, over what was there. It must lie inside the region and hold as
-    /// many floats as its rectangle says (asserted: who takes tiles from a network checks before).
+    /// many floats as its rectangle and the film say (asserted: who takes tiles from a network
+    /// checks before).
     void place(const Tile& tile);
 
     [[nodiscard]] Extent size() const { return size_; }
     [[nodiscard]] PixelRect region() const { return region_; }
     /// Row-major from the region's top left: 3 * region.width * region.height floats.
     [[nodiscard]] std::span<const float> pixels() const { return rgb_; }
+    /// Likewise, one float a pixel, as in Tile; empty where they are not kept.
+    [[nodiscard]] std::span<const float> samples() const { return samples_; }
+    [[nodiscard]] std::span<const float> error() const { return error_; }
 
 private:
     Extent size_;
     PixelRect region_;
-    std::vector<float> rgb_;
+    std::vector<float> rgb_, samples_, error_;
 };
 
 } // namespace fraja

@@ -11,6 +11,9 @@ namespace fraja {
 struct Tile {
     PixelRect rect;
     std::vector<float> rgb;
+    /// Of each pixel its samples, and what its error is thought to be: root of the mean square over
+    /// the colours, in units of the radiance. Empty where that is not told.
+    std::vector<float> samples = {}, error = {};
     friend bool operator==(const Tile&, const Tile&) = default;
 };
 

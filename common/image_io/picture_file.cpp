@@ -130,13 +130,28 @@ Result<void> write_radiance_as(const Format& format, const std::filesystem::path
                                const Film& film, std::span<const PictureAttribute> attributes) {
     const PixelRect region = film.region();
     auto spec = rgb_spec(region.width, region.height, OIIO::TypeFloat);
+    const bool estimates = !film.error().empty();
+    if (estimates) {
+        spec.nchannels = 5;
+        spec.channelnames = {"R", "G", "B", "samples", "error"};
+    }
     spec.x = static_cast<int>(region.x);
     spec.y = static_cast<int>(region.y);
     spec.full_width = static_cast<int>(film.size().width);
     spec.full_height = static_cast<int>(film.size().height);
     for (const PictureAttribute& attribute : attributes)
         spec.attribute(attribute.name, attribute.value);
-    return write_file(path, format, std::move(spec), film.pixels().data());
+    if (!estimates)
+        return write_file(path, format, std::move(spec), film.pixels().data());
+    std::vector<float> all;
+    all.reserve(5 * region.pixel_count());
+    for (std::size_t i = 0; i < region.pixel_count(); ++i) {
+        const auto rgb = film.pixels().subspan(3 * i, 3);
+        all.insert(all.end(), rgb.begin(), rgb.end());
+        all.push_back(film.samples()[i]);
+        all.push_back(film.error()[i]);
+    }
+    return write_file(path, format, std::move(spec), all.data());
 }
 
 Result<std::unique_ptr<OIIO::ImageInput>> open_file(const std::filesystem::path& path) {
@@ -153,29 +168,48 @@ Result<std::unique_ptr<OIIO::ImageInput>> open_file(const std::filesystem::path&
     return in;
 }
 
-/// All channels of the first picture in the file, then the three of them that are colours.
+/// All channels of the first picture in the file.
 template <class T>
-Result<std::vector<T>> read_rgb(const std::filesystem::path& path, OIIO::ImageInput& in) {
+Result<std::vector<T>> read_channels(const std::filesystem::path& path, OIIO::ImageInput& in) {
     const OIIO::ImageSpec& spec = in.spec();
     if (spec.width < 1 || spec.height < 1 || spec.depth != 1 || spec.nchannels < 1)
         return io_error(path, "this is not a flat picture");
     const auto width = static_cast<std::uint64_t>(spec.width);
     const std::uint64_t pixel_count = width * static_cast<std::uint64_t>(spec.height);
     const auto channels = static_cast<std::size_t>(spec.nchannels);
-    if (pixel_count > picture_pixels_max || channels > 4)
+    if (pixel_count > picture_pixels_max || channels > 5)
         return Error{ErrorCode::limit_exceeded, path.string() + ": too many pixels or channels"};
     std::vector<T> all(pixel_count * channels);
     for (int y = 0; y < spec.height; ++y)
         if (!in.read_scanline(spec.y + y, 0, OIIO::BaseTypeFromC<T>::value,
                               &all[static_cast<std::size_t>(y) * width * channels]))
             return io_error(path, reason_of(in.geterror()));
+    return all;
+}
+
+/// Of those channels the three that are colours.
+template <class T>
+std::vector<T> colours_of(std::vector<T> all, std::size_t channels) {
     if (channels == 3)
         return all;
+    const std::size_t pixel_count = all.size() / channels;
     std::vector<T> rgb(pixel_count * 3);
     for (std::size_t i = 0; i < pixel_count; ++i)
         for (std::size_t c = 0; c < 3; ++c)
             rgb[3 * i + c] = all[channels * i + (channels < 3 ? 0 : c)];
     return rgb;
+}
+
+/// One of those channels, by its name; empty without it.
+std::vector<float> channel_of(const std::vector<float>& all, const OIIO::ImageSpec& spec,
+                              std::string_view name) {
+    const int index = spec.channelindex(name);
+    std::vector<float> values;
+    if (index >= 0)
+        for (auto i = static_cast<std::size_t>(index); i < all.size();
+             i += static_cast<std::size_t>(spec.nchannels))
+            values.push_back(all[i]);
+    return values;
 }
 
 } // namespace
@@ -225,12 +259,12 @@ Result<LevelsPicture> read_levels(const std::filesystem::path& path) {
     const OIIO::ImageSpec& spec = (*in)->spec();
     if (spec.format != OIIO::TypeUInt8)
         return io_error(path, std::string("holds ") + spec.format.c_str() + ", not 8-bit levels");
-    auto rgb = read_rgb<std::uint8_t>(path, **in);
-    if (!rgb)
-        return rgb.error();
+    auto all = read_channels<std::uint8_t>(path, **in);
+    if (!all)
+        return all.error();
     return LevelsPicture{
         {static_cast<std::uint32_t>(spec.width), static_cast<std::uint32_t>(spec.height)},
-        std::move(*rgb)};
+        colours_of(*std::move(all), static_cast<std::size_t>(spec.nchannels))};
 }
 
 Result<RadiancePicture> read_radiance(const std::filesystem::path& path) {
@@ -242,16 +276,18 @@ Result<RadiancePicture> read_radiance(const std::filesystem::path& path) {
         return io_error(path, std::string("holds ") + spec.format.c_str() + ", not linear floats");
     if (spec.x < 0 || spec.y < 0 || spec.full_width < 1 || spec.full_height < 1)
         return io_error(path, "its pixels lie outside of its picture");
-    auto rgb = read_rgb<float>(path, **in);
-    if (!rgb)
-        return rgb.error();
+    auto all = read_channels<float>(path, **in);
+    if (!all)
+        return all.error();
     RadiancePicture picture;
     picture.extent = {static_cast<std::uint32_t>(spec.full_width),
                       static_cast<std::uint32_t>(spec.full_height)};
     picture.window = {static_cast<std::uint32_t>(spec.x), static_cast<std::uint32_t>(spec.y),
                       static_cast<std::uint32_t>(spec.width),
                       static_cast<std::uint32_t>(spec.height)};
-    picture.rgb = std::move(*rgb);
+    picture.samples = channel_of(*all, spec, "samples");
+    picture.error = channel_of(*all, spec, "error");
+    picture.rgb = colours_of(*std::move(all), static_cast<std::size_t>(spec.nchannels));
     for (const OIIO::ParamValue& value : spec.extra_attribs)
         if (value.type() == OIIO::TypeString)
             picture.attributes.push_back({value.name().string(), value.get_string()});

@@ -39,6 +39,7 @@ struct RadiancePicture {
     Extent extent;
     PixelRect window;
     std::vector<float> rgb;
+    std::vector<float> samples, error;        ///< as a Film's; empty where the file has none
     std::vector<PictureAttribute> attributes; ///< every text attribute of the file, by name
 };
 
@@ -59,11 +60,12 @@ struct LevelsPicture {
 [[nodiscard]] Result<void> check_writable(const std::filesystem::path& path,
                                           Extent extent = {1, 1});
 
-/// Write the film's region: as 8-bit levels, by quantise(), or as the floats themselves with the
-/// attributes and the region's place in the picture. The file appears whole or not at all, and an
-/// older one stays until then; the same arguments give the same bytes, at any time. A symbolic link
-/// is followed. The region must not be empty (asserted). Needs memory for the whole file.
-/// Errors: as check_writable(), and io for a full disk.
+/// Write the film's region: as 8-bit levels, by quantise(), or as the floats themselves (with the
+/// channels `samples` and `error`, if the film keeps these), the attributes and the region's place
+/// in the picture. The file appears whole or not at all, and an older one stays until then; the
+/// same arguments give the same bytes, at any time. A symbolic link is followed. The region must
+/// not be empty (asserted). Needs memory for the whole file. Errors: as check_writable(), and io
+/// for a full disk.
 [[nodiscard]] Result<void> write_picture(const std::filesystem::path& path, const Film& film,
                                          std::span<const PictureAttribute> attributes = {});
 

@@ -24,5 +24,8 @@ inline constexpr std::uint32_t tile_side_max = 1024;                        ///<
 inline constexpr std::uint32_t tiles_per_job_max = std::uint32_t{1} << 22;
 inline constexpr std::uint32_t depth_max = 1'000'000;
 inline constexpr std::uint32_t aa_max = 256;
+inline constexpr std::uint32_t samples_min = 4; ///< of the ceiling for error: each pixel has them
+inline constexpr std::uint32_t samples_max = 65'536; ///< per pixel
+inline constexpr double error_max = 255;             ///< levels
 
 } // namespace fraja::protocol

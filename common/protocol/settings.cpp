@@ -37,6 +37,18 @@ Result<void> validate(const PictureSettings& s) {
                        std::to_string(depth_max));
     if (s.aa > aa_max)
         return invalid("aa " + std::to_string(s.aa) + ": at most " + std::to_string(aa_max));
+    if (s.spp > samples_max)
+        return invalid("spp " + std::to_string(s.spp) + ": at most " + std::to_string(samples_max));
+    if (!(s.error >= 0 && s.error <= error_max))
+        return invalid("error " + std::to_string(s.error) + ": from 0 to " +
+                       std::to_string(static_cast<int>(error_max)) + " levels");
+    if (s.max_samples < samples_min || s.max_samples > samples_max)
+        return invalid("max-samples " + std::to_string(s.max_samples) + ": from " +
+                       std::to_string(samples_min) + " to " + std::to_string(samples_max));
+    if (int{s.aa > 0} + int{s.spp > 0} + int{s.error > 0} > 1)
+        return invalid("aa: one of aa, spp and error says how many samples there are, not two");
+    if (s.filter != PixelFilter::box && s.spp == 0 && s.error == 0)
+        return invalid("filter: weighs the samples of --spp or --error, neither of which is given");
     return {};
 }
 

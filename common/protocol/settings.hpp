@@ -15,6 +15,12 @@ struct ValueCount<KernelChoice> {
     static constexpr unsigned value = 2;
 };
 
+enum class PixelFilter : std::uint8_t { box, tent };
+template <>
+struct ValueCount<PixelFilter> {
+    static constexpr unsigned value = 2;
+};
+
 struct PictureSettings {
     Extent size{256, 192};
     PixelRect crop{0, 0, 256,
@@ -23,14 +29,29 @@ struct PictureSettings {
     std::uint32_t aa = 0;
     bool exact = false;
     KernelChoice kernel = KernelChoice::fast;
+    std::uint32_t spp = 0;
+    double error = 0;
+    std::uint32_t max_samples = 1024;
+    PixelFilter filter = PixelFilter::box;
 
     friend bool operator==(const PictureSettings&, const PictureSettings&) = default;
     static constexpr auto fields() {
         using T = PictureSettings;
-        return std::tuple{Field{"size", &T::size},   Field{"crop", &T::crop},
-                          Field{"depth", &T::depth}, Field{"aa", &T::aa},
-                          Field{"exact", &T::exact}, Field{"kernel", &T::kernel}};
+        return std::tuple{Field{"size", &T::size},
+                          Field{"crop", &T::crop},
+                          Field{"depth", &T::depth},
+                          Field{"aa", &T::aa},
+                          Field{"exact", &T::exact},
+                          Field{"kernel", &T::kernel},
+                          Field{"spp", &T::spp},
+                          Field{"error", &T::error},
+                          Field{"max_samples", &T::max_samples},
+                          Field{"filter", &T::filter}};
     }
+    /// Each pixel comes with its samples and its error.
+    [[nodiscard]] bool estimates() const { return error > 0; }
+    /// Of a pixel, as it travels: 32-bit floats.
+    [[nodiscard]] std::uint64_t pixel_bytes() const { return 4 * (estimates() ? 5 : 3); }
 };
 
 /// The order in which the tiles of a picture are handed out. It never changes pixels.

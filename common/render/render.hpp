@@ -24,9 +24,6 @@ enum class Filter : std::uint8_t {
     tent, ///< to twice its width, ever fewer
 };
 
-/// Of an 8-bit picture, from black to a radiance of 1.
-inline constexpr double levels_per_unit = 255;
-
 /// How a picture is drawn; with the scene and a pixel's place it decides that pixel's bits, alone.
 struct RenderSettings {
     Extent size{256, 192};   ///< of the whole picture, also where only a part is drawn
@@ -50,11 +47,8 @@ struct RenderSettings {
 };
 
 struct RenderedTile {
-    Tile tile;
+    Tile tile; ///< of an adaptive picture with its pixels' samples and errors
     RayCounts rays = {};
-    // Of each pixel, of an adaptive picture: its samples, and what its error is thought to be: root
-    // of the mean square over the colours, in units of the radiance.
-    std::vector<float> samples = {}, error = {};
     /// Of each pixel, if settings.truncation asks for it, the weight (of the colour that has the
     /// most) of the rays that were not followed: below the cut level, out of depth, beyond the
     /// budget. Light of 1 from everywhere is missing so much at most. Of the fast kernel alone.

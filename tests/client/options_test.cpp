@@ -69,6 +69,11 @@ TEST_CASE("fraja-submit reads every option") {
                                                   .aa = 4,
                                                   .exact = true,
                                                   .kernel = protocol::KernelChoice::reference});
+    const auto adaptive = submit("a.raj --error 0.5 --max-samples 256 --filter tent").settings;
+    CHECK(adaptive.error == 0.5);
+    CHECK(adaptive.max_samples == 256);
+    CHECK(adaptive.filter == protocol::PixelFilter::tent);
+    CHECK(submit("a.raj --spp 7").settings.spp == 7);
     CHECK(submit("a.raj --kernel fast").settings.kernel == protocol::KernelChoice::fast);
     CHECK(o.tile_side == 16);
     CHECK(o.order == protocol::TileOrder::spiral);
@@ -107,6 +112,19 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj -d -1", "--depth"},
                            Row{"a.raj -a 257", "--aa"},
                            Row{"a.raj -a x", "--aa"},
+                           Row{"a.raj --spp 0", "--spp"},
+                           Row{"a.raj --spp 65537", "--spp"},
+                           Row{"a.raj --spp 4 -a 2", "--spp"},
+                           Row{"a.raj --error 0", "--error"},
+                           Row{"a.raj --error 256", "--error"},
+                           Row{"a.raj --error nan", "--error"},
+                           Row{"a.raj --error 1 -a 2", "--error"},
+                           Row{"a.raj --error 1 --spp 4", "--error"},
+                           Row{"a.raj --max-samples 64", "--max-samples"},
+                           Row{"a.raj --error 1 --max-samples 3", "--max-samples"},
+                           Row{"a.raj --filter tent", "--filter"},
+                           Row{"a.raj -a 2 --filter tent", "--filter"},
+                           Row{"a.raj --spp 2 --filter gauss", "--filter"},
                            Row{"a.raj --tile 0", "--tile 0"},
                            Row{"a.raj --tile 1025", "--tile 1025"},
                            Row{"a.raj --tile 1 -r 4096x4096", "--tile 1"},

@@ -1,5 +1,6 @@
 #include "common/render/sampling/tile_sampler.hpp"
 
+#include "common/image/quantise.hpp"
 #include "common/render/sampling/estimate.hpp"
 #include "common/render/sampling/sample_queue.hpp"
 
@@ -243,8 +244,8 @@ RenderedTile AdaptiveTile::result() const {
         const PixelSamples& pixel = pixels_[i];
         for (const double component : pixel.mean())
             result.tile.rgb.push_back(as_float(component));
-        result.samples.push_back(static_cast<float>(pixel.count()));
-        result.error.push_back(as_float(pixel.error()));
+        result.tile.samples.push_back(static_cast<float>(pixel.count()));
+        result.tile.error.push_back(as_float(pixel.error()));
         if (settings_.truncation)
             result.truncated.push_back(as_float(losses_.greatest(i) / pixel.count()));
     }

@@ -82,6 +82,8 @@ std::string type_name() {
         return "uuid";
     else if constexpr (std::is_same_v<T, KernelChoice>)
         return "KernelChoice";
+    else if constexpr (std::is_same_v<T, PixelFilter>)
+        return "PixelFilter";
     else if constexpr (std::is_same_v<T, TileOrder>)
         return "TileOrder";
     else if constexpr (std::is_same_v<T, JobPhase>)
@@ -204,10 +206,13 @@ TEST_CASE("the page has the limits of the code and no other") {
         {"tiles_per_job_max", tiles_per_job_max},
         {"depth_max", depth_max},
         {"aa_max", aa_max},
+        {"samples_min", samples_min},
+        {"samples_max", samples_max},
+        {"error_max", static_cast<std::uint64_t>(error_max)},
     };
     std::size_t on_page = 0;
     for (const auto& [name, value] : page.rows)
-        on_page += name.ends_with("_max`") || name == "`chunk_bytes`";
+        on_page += name.ends_with("_max`") || name.ends_with("_min`") || name == "`chunk_bytes`";
     CHECK(on_page == limits.size());
     for (const auto& [name, value] : limits) {
         CAPTURE(name);
@@ -229,6 +234,7 @@ TEST_CASE("the page has the version and the enums of the code") {
         CHECK(names.size() == count);
     };
     check("KernelChoice", ValueCount<KernelChoice>::value);
+    check("PixelFilter", ValueCount<PixelFilter>::value);
     check("TileOrder", ValueCount<TileOrder>::value);
     check("JobPhase", ValueCount<JobPhase>::value);
     check("RefusalCode", ValueCount<RefusalCode>::value);

@@ -91,6 +91,23 @@ TEST_CASE("settings are held against the limits") {
              Row{"depth beyond it", with([](auto& s) { s.depth = depth_max + 1; }), false},
              Row{"aa at the limit", with([](auto& s) { s.aa = aa_max; }), true},
              Row{"aa beyond it", with([](auto& s) { s.aa = aa_max + 1; }), false},
+             Row{"spp at the limit", with([](auto& s) { s.spp = samples_max; }), true},
+             Row{"spp beyond it", with([](auto& s) { s.spp = samples_max + 1; }), false},
+             Row{"error at the limit", with([](auto& s) { s.error = error_max; }), true},
+             Row{"error beyond it", with([](auto& s) { s.error = error_max * 1.001; }), false},
+             Row{"error below 0", with([](auto& s) { s.error = -1; }), false},
+             Row{"samples at their limits",
+                 with([](auto& s) { s.error = 1, s.max_samples = samples_min; }), true},
+             Row{"a ceiling below the least",
+                 with([](auto& s) { s.max_samples = samples_min - 1; }), false},
+             Row{"a ceiling above the most", with([](auto& s) { s.max_samples = samples_max + 1; }),
+                 false},
+             Row{"two numbers of samples", with([](auto& s) { s.aa = 2, s.spp = 4; }), false},
+             Row{"samples and an error", with([](auto& s) { s.error = 1, s.spp = 4; }), false},
+             Row{"a filter of samples",
+                 with([](auto& s) { s.spp = 4, s.filter = PixelFilter::tent; }), true},
+             Row{"a filter of a grid",
+                 with([](auto& s) { s.aa = 4, s.filter = PixelFilter::tent; }), false},
          }) {
         CAPTURE(row.what);
         CHECK(validate(row.settings).has_value() == row.valid);
