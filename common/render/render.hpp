@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <variant>
 #include <vector>
 
 namespace fraja {
@@ -58,7 +59,11 @@ struct RenderedTile {
 /// A scene made ready for rendering. Immutable; shared by all render threads.
 class CompiledScene {
 public:
+    explicit CompiledScene(const Scene& scene)
+        : two_pictures_(std::holds_alternative<StereoCamera>(scene.camera)) {}
     virtual ~CompiledScene() = default;
+    /// The screen's left and right half are pictures of their own, as of a stereo camera.
+    [[nodiscard]] bool two_pictures() const { return two_pictures_; }
     /// Fills the block. Errors as of render_tile.
     [[nodiscard]] virtual Result<DrawnBlock> draw_samples(const RenderSettings& settings,
                                                           const SampleBlock& block,
@@ -69,6 +74,9 @@ public:
     /// limit_exceeded, when a path of more than a million bounces goes on adding light.
     [[nodiscard]] Result<RenderedTile> render_tile(const RenderSettings& settings, PixelRect rect,
                                                    RenderControl& control) const;
+
+private:
+    bool two_pictures_;
 };
 
 /// Never fails: what can be wrong with a scene, its reader has found.

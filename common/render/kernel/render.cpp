@@ -14,7 +14,8 @@ class KernelScene final : public CompiledScene {
 public:
     KernelScene(Result<const KernelEntry*> entry, std::shared_ptr<const Scene> scene,
                 std::unique_ptr<const Program> program)
-        : entry_(std::move(entry)), scene_(std::move(scene)), program_(std::move(program)) {}
+        : CompiledScene(*scene), entry_(std::move(entry)), scene_(std::move(scene)),
+          program_(std::move(program)) {}
 
     Result<DrawnBlock> draw_samples(const RenderSettings& settings, const SampleBlock& block,
                                     RenderControl& control) const override {

@@ -10,7 +10,8 @@ namespace {
 
 class ReferenceScene final : public CompiledScene {
 public:
-    explicit ReferenceScene(std::shared_ptr<const Scene> scene) : model_(std::move(scene)) {}
+    explicit ReferenceScene(std::shared_ptr<const Scene> scene)
+        : CompiledScene(*scene), model_(std::move(scene)) {}
 
     Result<DrawnBlock> draw_samples(const RenderSettings& settings, const SampleBlock& block,
                                     RenderControl& control) const override {

@@ -2,10 +2,13 @@
 
 #include "common/render/sampling/owen_sobol.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace fraja {
 namespace {
+
+constexpr double just_below_half = 0x1.fffffffffffffp-2;
 
 /// From 0..1 to -0.5..1.5, so that a place's density is a tent over the pixel's middle.
 double through_tent(double u) {
@@ -14,8 +17,8 @@ double through_tent(double u) {
 
 } // namespace
 
-SamplePlaces::SamplePlaces(const RenderSettings& settings, PixelRect rect)
-    : settings_(settings), rect_(rect) {
+SamplePlaces::SamplePlaces(const RenderSettings& settings, PixelRect rect, bool two_pictures)
+    : settings_(settings), rect_(rect), two_pictures_(two_pictures) {
     if (settings.low_discrepancy())
         return;
     // Raja's: the pixel's centre, or a regular grid. FORMAT.md, section 5.
@@ -44,6 +47,10 @@ void SamplePlaces::fill(std::uint32_t column, std::uint32_t row, std::uint64_t f
             at = {through_tent(at.x), through_tent(at.y)};
         x[i] = (column + at.x) / settings_.size.width;
         y[i] = (row + at.y) / settings_.size.height;
+        if (two_pictures_ && settings_.filter != Filter::box) {
+            const bool right = (column + 0.5) / settings_.size.width >= 0.5;
+            x[i] = right ? std::max(x[i], 0.5) : std::min(x[i], just_below_half);
+        }
     }
 }
 

@@ -12,7 +12,8 @@ namespace fraja {
 class SamplePlaces {
 public:
     /// For the pixels of `rect`, which may be empty.
-    SamplePlaces(const RenderSettings& settings, PixelRect rect);
+    /// A wide filter does not reach from one of `two_pictures` into the other.
+    SamplePlaces(const RenderSettings& settings, PixelRect rect, bool two_pictures);
 
     /// Samples first .. first + count - 1 of a pixel: places on the screen, as SampleBlock has
     /// them.
@@ -25,6 +26,7 @@ private:
 
     RenderSettings settings_;
     PixelRect rect_;
+    bool two_pictures_;
     // Of a grid, the first sample of each column and row, and the way to the next.
     std::vector<double> left_, top_;
     double dx_, dy_;

@@ -18,8 +18,8 @@ struct SampleQueue::Buffers {
 
 SampleQueue::SampleQueue(const CompiledScene& scene, const RenderSettings& settings,
                          PixelRect places, RenderControl& control)
-    : scene_(scene), settings_(settings), places_(settings, places), control_(control),
-      buffers_(new Buffers) {}
+    : scene_(scene), settings_(settings), places_(settings, places, scene.two_pictures()),
+      control_(control), buffers_(new Buffers) {}
 
 SampleQueue::~SampleQueue() = default;
 
