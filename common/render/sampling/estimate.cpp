@@ -9,7 +9,7 @@ namespace fraja {
 namespace {
 
 // Measured on the scenes of tools/bench/time_error: the least that keep what --error promises.
-constexpr double noise_factor = 0.8, spread_factor = 0.6, unseen_factor = 1.0;
+constexpr double noise_factor = 0.7, spread_factor = 0.5, unseen_factor = 0.85;
 constexpr double reported_factor = 0.72;
 /// Of the variance of the mean, when samples are doubled: 2^-1.4.
 constexpr double doubling_gain = 0.37892914162759955;
@@ -77,8 +77,10 @@ void PixelSamples::double_expected() {
 
 void PixelSamples::judge() {
     FRAJA_ASSERT(count_ == expected_);
-    const double now = variance();
-    variance_of_mean_ = judged_ ? 0.5 * (now + doubling_gain * variance_of_mean_) : now;
+    for (std::size_t c = 0; c < 3; ++c) {
+        const double now = variance_between_quarters(c);
+        variance_of_mean_[c] = judged_ ? 0.5 * (now + doubling_gain * variance_of_mean_[c]) : now;
+    }
     judged_ = true;
 }
 
@@ -91,15 +93,7 @@ std::array<double, 3> PixelSamples::mean() const {
 }
 
 /// Of the mean of four runs as good as independent.
-double PixelSamples::variance() const {
-    double sum = 0;
-    for (std::size_t c = 0; c < 3; ++c)
-        if (const double v = variance_of_mean(c); !surely_white(c, v))
-            sum += v;
-    return sum / 3;
-}
-
-double PixelSamples::variance_of_mean(std::size_t c) const {
+double PixelSamples::variance_between_quarters(std::size_t c) const {
     const std::uint32_t quarter = expected_ / 4;
     const double mean = this->mean()[c];
     double sum = 0;
@@ -108,27 +102,41 @@ double PixelSamples::variance_of_mean(std::size_t c) const {
     return sum / (3 * 4);
 }
 
-bool PixelSamples::surely_white(std::size_t c, double variance) const {
-    return mean()[c] - deviations_to_white * std::sqrt(variance) >= 1;
+/// Over the colours; what is surely nothing but 1 in a picture counts as 0.
+double PixelSamples::visible_mean(const std::array<double, 3>& variances) const {
+    const std::array<double, 3> mean = this->mean();
+    double sum = 0;
+    for (std::size_t c = 0; c < 3; ++c)
+        if (mean[c] - deviations_to_white * std::sqrt(variance_of_mean_[c]) < 1)
+            sum += variances[c];
+    return sum / 3;
 }
 
 double PixelSamples::bound(const BaseSamples& around) const {
     const double n = count_, root = std::sqrt(n);
-    double spread = 0;
-    const std::array<double, 3> mean = this->mean();
-    for (std::size_t c = 0; c < 3; ++c)
-        if (!surely_white(c, variance_of_mean(c)))
-            spread += std::max(squares_[c] - n * square(mean[c]), 0.0) / (n - 1);
-    spread = std::sqrt(spread / 3);
-    const double bound = std::max({noise_factor * std::sqrt(variance_of_mean_),
+    const double spread = this->spread();
+    const double bound = std::max({noise_factor * std::sqrt(visible_mean(variance_of_mean_)),
                                    spread_factor * spread / (root * std::sqrt(root)),
                                    unseen_factor * around.contrast() / (n * root)});
     // Where there is no edge, four samples of a square's quarters are as good as sixteen.
     return around.one_path ? std::min(bound, spread / n) : bound;
 }
 
-double PixelSamples::error() const {
-    return std::sqrt(square(reported_factor) * variance_of_mean_ + square(cut_ / count_));
+double PixelSamples::error(const BaseSamples& around) const {
+    const double noise = reported_factor * std::sqrt(visible_mean(variance_of_mean_));
+    const double n = count_;
+    return std::sqrt(square(around.one_path ? std::min(noise, spread() / n) : noise) +
+                     square(cut_ / n));
+}
+
+/// The samples' standard deviation.
+double PixelSamples::spread() const {
+    const double n = count_;
+    const std::array<double, 3> mean = this->mean();
+    std::array<double, 3> variances{};
+    for (std::size_t c = 0; c < 3; ++c)
+        variances[c] = std::max(squares_[c] - n * square(mean[c]), 0.0) / (n - 1);
+    return std::sqrt(visible_mean(variances));
 }
 
 } // namespace fraja

@@ -46,17 +46,17 @@ public:
     /// can be seen. `around`: of the pixel and its eight neighbours.
     [[nodiscard]] double bound(const BaseSamples& around) const;
     /// What it is thought to be.
-    [[nodiscard]] double error() const;
+    [[nodiscard]] double error(const BaseSamples& around) const;
 
 private:
-    [[nodiscard]] double variance() const;
-    [[nodiscard]] double variance_of_mean(std::size_t c) const;
-    [[nodiscard]] bool surely_white(std::size_t c, double variance) const;
+    [[nodiscard]] double variance_between_quarters(std::size_t c) const;
+    [[nodiscard]] double spread() const;
+    [[nodiscard]] double visible_mean(const std::array<double, 3>& variances) const;
 
     std::array<std::array<double, 3>, 4> quarters_{}; ///< sums
     std::array<double, 3> squares_{};
     double cut_ = 0;
-    double variance_of_mean_ = 0; ///< after the last judge()
+    std::array<double, 3> variance_of_mean_{}; ///< after the last judge()
     bool judged_ = false;
     std::uint32_t count_ = 0, expected_;
 };

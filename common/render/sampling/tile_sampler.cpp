@@ -242,10 +242,13 @@ RenderedTile AdaptiveTile::result() const {
     RenderedTile result{.tile = {.rect = rect_, .rgb = {}}};
     for (std::size_t i = 0; i < pixels_.size(); ++i) {
         const PixelSamples& pixel = pixels_[i];
+        const auto column = static_cast<std::uint32_t>(i % rect_.width);
+        const auto row = static_cast<std::uint32_t>(i / rect_.width);
         for (const double component : pixel.mean())
             result.tile.rgb.push_back(as_float(component));
         result.tile.samples.push_back(static_cast<float>(pixel.count()));
-        result.tile.error.push_back(as_float(pixel.error()));
+        result.tile.error.push_back(
+            as_float(pixel.error(base_around(rect_.x + column, rect_.y + row))));
         if (settings_.truncation)
             result.truncated.push_back(as_float(losses_.greatest(i) / pixel.count()));
     }
