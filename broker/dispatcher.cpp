@@ -19,6 +19,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         take_back_stuck_tiles();
         give_up_scenes_that_do_not_come();
     }
+    end_jobs_whose_time_is_up();
     dispatch();
     if (now_ >= next_digest_) {
         next_digest_ = now_ + limits_.digest_interval;
@@ -33,6 +34,8 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
 
 Instant Dispatcher::next_deadline() const {
     Instant deadline = next_sweep_;
+    if (!deadlines_.empty())
+        deadline = std::min(deadline, deadlines_.begin()->first);
     const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
         const auto found = jobs_.find(id);
         return found != jobs_.end() && wants_digest(found->second);

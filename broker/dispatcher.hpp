@@ -132,6 +132,7 @@ private:
                    const WorkerSession& worker, const std::string& why);
     void cancel_grant(const PeerId& peer, const GrantKey& key);
     void take_back_stuck_tiles();
+    void end_jobs_whose_time_is_up();
     void update_load(const PeerId& peer, WorkerSession& worker);
 
     // stream.cpp: who hears of it
@@ -160,7 +161,8 @@ private:
     std::size_t workers_with_credit_ = 0; ///< whose credit is not 0
 
     std::map<JobId, Job> jobs_;
-    std::set<JobId> ready_; ///< jobs with pending tiles
+    std::set<JobId> ready_;                         ///< jobs with pending tiles
+    std::set<std::pair<Instant, JobId>> deadlines_; ///< of jobs with a time limit, not over
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
     BlobStore blobs_;

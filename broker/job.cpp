@@ -1,6 +1,7 @@
 #include "broker/job.hpp"
 
 #include "common/base/assert.hpp"
+#include "common/protocol/passes.hpp"
 
 #include <algorithm>
 #include <set>
@@ -15,10 +16,11 @@ constexpr std::uint64_t tile_overhead_bytes = 300; // a result's own fields and 
 Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client,
          std::vector<PixelRect> plan)
     : submission_(std::move(submission)), number_(number), client_(std::move(client)),
-      plan_(std::move(plan)), results_(plan_.size()) {}
+      plan_(std::move(plan)), results_(plan_.size() * protocol::pass_count(submission_.settings)),
+      fresh_end_(results_.size()), first_pass_left_(plan_.size()) {}
 
 bool Job::has_pending() const {
-    return !requeued_.empty() || fresh_ < plan_.size();
+    return !requeued_.empty() || fresh_ < fresh_end_;
 }
 
 std::optional<TileIndex> Job::assign_next(const WorkerId& worker, const PeerId& peer,
@@ -33,7 +35,7 @@ std::optional<TileIndex> Job::assign_next(const WorkerId& worker, const PeerId& 
     if (requeued != requeued_.end()) {
         tile = *requeued;
         requeued_.erase(requeued);
-    } else if (fresh_ < plan_.size()) {
+    } else if (fresh_ < fresh_end_) {
         tile = TileIndex(fresh_++);
     } else {
         return std::nullopt;
@@ -52,7 +54,8 @@ bool Job::assigned_as(TileIndex tile, const PeerId& peer, AttemptNumber attempt)
 
 void Job::requeue(TileIndex tile) {
     FRAJA_ASSERT(assigned_.erase(tile) == 1 && !done(tile));
-    requeued_.push_front(tile);
+    if (!time_is_up_ || pass(tile) == 0)
+        requeued_.push_front(tile);
 }
 
 std::uint32_t Job::count_failure(TileIndex tile, const WorkerId& worker) {
@@ -70,20 +73,29 @@ void Job::finish(TileIndex tile, std::shared_ptr<const protocol::TileDone> resul
     rays_ += result->rays;
     render_time_ += std::min(result->elapsed, Duration::max() - render_time_);
     results_[as_index(tile)] = std::move(result);
+    if (pass(tile) == 0)
+        --first_pass_left_;
     ++done_count_;
 }
 
 void Job::drop_unfinished() {
-    fresh_ = plan_.size();
+    fresh_ = fresh_end_;
     requeued_.clear();
     assigned_.clear();
     attempts_.clear();
     failed_on_.clear();
 }
 
+void Job::set_time_is_up() {
+    time_is_up_ = true;
+    fresh_end_ = std::max(fresh_, plan_.size());
+    std::erase_if(requeued_, [this](TileIndex tile) { return pass(tile) > 0; });
+}
+
 std::uint64_t Job::stored_bytes() const {
-    return submission_.settings.crop.pixel_count() * submission_.settings.pixel_bytes() +
-           plan_.size() * tile_overhead_bytes;
+    const protocol::PictureSettings& s = submission_.settings;
+    return s.crop.pixel_count() * s.pixel_bytes() * protocol::pass_count(s) +
+           results_.size() * tile_overhead_bytes;
 }
 
 protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {

@@ -26,6 +26,7 @@ struct Assignment {
 /// Every tile is pending, assigned to one worker, or done; done is for ever.
 class Job {
 public:
+    /// `plan`: of one pass.
     Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client,
         std::vector<PixelRect> plan);
 
@@ -38,12 +39,22 @@ public:
 
     // ------------------------------------------------------------------------------------- tiles
     [[nodiscard]] std::uint32_t tile_count() const {
-        return static_cast<std::uint32_t>(plan_.size());
+        return static_cast<std::uint32_t>(results_.size());
     }
-    [[nodiscard]] bool has(TileIndex tile) const { return as_index(tile) < plan_.size(); }
-    [[nodiscard]] const PixelRect& rect(TileIndex tile) const { return plan_[as_index(tile)]; }
+    [[nodiscard]] bool has(TileIndex tile) const { return as_index(tile) < results_.size(); }
+    [[nodiscard]] const PixelRect& rect(TileIndex tile) const {
+        return plan_[as_index(tile) % plan_.size()];
+    }
+    [[nodiscard]] std::uint32_t pass(TileIndex tile) const {
+        return static_cast<std::uint32_t>(as_index(tile) / plan_.size());
+    }
     [[nodiscard]] bool done(TileIndex tile) const { return results_[as_index(tile)] != nullptr; }
-    [[nodiscard]] bool all_done() const { return done_count_ == plan_.size(); }
+    /// Everything that is wanted: of a job whose time is up one pass.
+    [[nodiscard]] bool all_done() const {
+        return done_count_ == results_.size() || (time_is_up_ && first_pass_left_ == 0);
+    }
+    /// No pass is begun any more but the first, which must be.
+    void set_time_is_up();
     [[nodiscard]] bool has_pending() const;
 
     /// Takes the next pending tile for that worker and assigns it. A tile that failed on this
@@ -56,7 +67,7 @@ public:
     /// Whether that attempt is the one the tile is assigned to now.
     [[nodiscard]] bool assigned_as(TileIndex tile, const PeerId& peer, AttemptNumber attempt) const;
 
-    /// An assigned tile goes back to the front of the queue.
+    /// An assigned tile goes back to the front of the queue, if it is still wanted.
     void requeue(TileIndex tile);
     /// Counts a failure of the tile and returns how many it has had.
     std::uint32_t count_failure(TileIndex tile, const WorkerId& worker);
@@ -99,8 +110,11 @@ private:
     PeerId client_;
     std::vector<PixelRect> plan_;
     std::vector<std::shared_ptr<const protocol::TileDone>>
-        results_;                    ///< parallel to plan_; null until done
-    std::size_t fresh_ = 0;          ///< tiles from here on were never handed out
+        results_;                 ///< pass after pass as plan_; null until done
+    std::size_t fresh_ = 0;       ///< tiles from here on were never handed out
+    std::size_t fresh_end_;       ///< nor are those from here on
+    std::size_t first_pass_left_; ///< its tiles that are not done
+    bool time_is_up_ = false;
     std::deque<TileIndex> requeued_; ///< these go first
     std::map<TileIndex, Assignment> assigned_;
     std::map<TileIndex, AttemptNumber> attempts_; ///< of the tiles handed out and not done

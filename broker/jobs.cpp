@@ -3,6 +3,7 @@
 #include "broker/tile_plan.hpp"
 #include "common/base/text.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/passes.hpp"
 
 #include <algorithm>
 
@@ -15,6 +16,10 @@ namespace {
 std::string described(const Job& job) {
     return "job #" + std::to_string(job.number()) + " " + job.submission().job_name + " " +
            to_string(job.id());
+}
+
+std::uint32_t tile_side(const SubmitJob& s) {
+    return s.tile_side > 0 ? s.tile_side : automatic_tile_side(s.settings.crop);
 }
 
 } // namespace
@@ -36,7 +41,7 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
     if (s.tile_side > tile_side_max)
         return refused(RefusalCode::invalid,
                        "a tile's side is at most " + std::to_string(tile_side_max) + " pixels");
-    if (s.tile_side > 0 && tile_count(s.settings.crop, s.tile_side) > tiles_per_job_max)
+    if (tile_count(s.settings.crop, tile_side(s)) * pass_count(s.settings) > tiles_per_job_max)
         return refused(RefusalCode::invalid,
                        "a job has at most " + std::to_string(tiles_per_job_max) + " tiles");
     const auto live =
@@ -61,11 +66,8 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
     if (const auto refused = objection(submission))
         return send(peer, *refused);
 
-    const std::uint32_t side = submission.tile_side > 0
-                                   ? submission.tile_side
-                                   : automatic_tile_side(submission.settings.crop);
     Job fresh(submission, last_number_ + 1, peer,
-              plan_tiles(submission.settings.crop, side, submission.order));
+              plan_tiles(submission.settings.crop, tile_side(submission), submission.order));
     // What is over makes room for what is to come.
     const auto over_limit = [&]() -> std::optional<std::string> {
         std::uint64_t stored = fresh.stored_bytes();
@@ -192,6 +194,8 @@ void Dispatcher::give_chunk(const PeerId& peer, const NeedChunk& need) {
 void Dispatcher::acknowledge(Job& job) {
     job.phase = JobPhase::queued;
     job.acknowledged_at = now_;
+    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+        deadlines_.emplace(now_ + s.time_limit, job.id());
     ready_.insert(job.id());
     log(LogLevel::info,
         described(job) + ": " + std::to_string(job.tile_count()) + " tile(s) queued");
@@ -240,6 +244,21 @@ void Dispatcher::cancel_job(const PeerId& peer, const CancelJob& cancel) {
     send(peer, job->state(identity_.epoch, now_));
 }
 
+/// The pictures of jobs with a time limit are as good as they get.
+void Dispatcher::end_jobs_whose_time_is_up() {
+    while (!deadlines_.empty() && deadlines_.begin()->first <= now_) {
+        Job& job = jobs_.at(deadlines_.begin()->second);
+        deadlines_.erase(deadlines_.begin());
+        job.set_time_is_up();
+        if (!job.has_pending())
+            ready_.erase(job.id());
+        if (job.all_done())
+            end_job(job, JobPhase::done, "");
+        else
+            log(LogLevel::info, described(job) + ": its time is up before its first pass is done");
+    }
+}
+
 void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
     const auto assigned = job.assignments(); // a copy: the job forgets them first
     job.drop_unfinished();
@@ -247,6 +266,8 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;
     ready_.erase(job.id());
+    if (job.acknowledged_at)
+        deadlines_.erase({*job.acknowledged_at + job.submission().settings.time_limit, job.id()});
     for (const auto& [tile, assignment] : assigned)
         cancel_grant(assignment.peer, {job.id(), tile, assignment.attempt});
     const auto state = job.state(identity_.epoch, now_);

@@ -93,6 +93,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
                           .tile = *tile,
                           .attempt = attempt,
                           .frame = 0,
+                          .pass = job.pass(*tile),
                           .rect = job.rect(*tile),
                           .scene = s.scene,
                           .scene_bytes = s.scene_bytes,
@@ -153,6 +154,7 @@ void Dispatcher::accept(Job& job, const PeerId& peer, WorkerSession& worker,
         TileDone{.job = job.id(),
                  .tile = answer.tile,
                  .frame = 0,
+                 .pass = job.pass(answer.tile),
                  .rect = job.rect(answer.tile),
                  .worker_name = worker.hello.worker_name,
                  .rays = answer.rays,
@@ -197,7 +199,8 @@ void Dispatcher::take_back(const PeerId& peer, const GrantKey& key, bool counts,
         return;
     ++counters_.tiles_requeued;
     job->requeue(key.tile);
-    ready_.insert(job->id());
+    if (job->has_pending())
+        ready_.insert(job->id());
     if (counts)
         count_failure(*job, key.tile, worker, why);
 }

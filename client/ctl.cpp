@@ -47,7 +47,7 @@ public:
         else if (const auto* changed = std::get_if<StateChanged>(&news))
             job = changed->state;
         else if (const auto* tile = std::get_if<TileArrived>(&news))
-            picture->place(tile->tile);
+            picture->place(tile->tile, tile->tile_count);
     }
     std::optional<protocol::JobState> job;
     std::optional<Picture> picture;

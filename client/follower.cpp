@@ -1,6 +1,7 @@
 #include "client/follower.hpp"
 
 #include "common/protocol/limits.hpp"
+#include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
 
 #include <algorithm>
@@ -59,8 +60,9 @@ Follower::Follower(protocol::JobState state, Rng rng)
 }
 
 bool Follower::is_sound(const protocol::JobState& state) {
-    return state.tile_count <= protocol::tiles_per_job_max &&
-           state.done_count <= state.tile_count && protocol::validate(state.settings) &&
+    return state.tile_count <= protocol::tiles_per_job_max && protocol::validate(state.settings) &&
+           state.tile_count % protocol::pass_count(state.settings) == 0 &&
+           state.done_count <= state.tile_count &&
            (state.phase != protocol::JobPhase::done || state.tile_count > 0) &&
            state.elapsed >= Duration::zero() && state.elapsed <= elapsed_max;
 }
@@ -134,12 +136,15 @@ void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Act
     have_.set(index);
     ++have_count_;
     repair_brought_any_ = true;
-    actions.push_back(News(TileArrived{tile}));
+    actions.push_back(News(TileArrived{tile, state_.tile_count}));
 }
 
 bool Follower::fits(const protocol::TileDone& tile) const {
     if (tile.job != state_.job || static_cast<std::uint32_t>(tile.tile) >= state_.tile_count ||
         tile.rect.empty() || !tile.rect.inside(state_.settings.crop))
+        return false;
+    const std::uint32_t tiles_per_pass = state_.tile_count / protocol::pass_count(state_.settings);
+    if (tile.pass != static_cast<std::uint32_t>(tile.tile) / tiles_per_pass)
         return false;
     std::uint64_t bytes = 0;
     for (const Blob& blob : tile.blobs)
@@ -173,8 +178,10 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     repair_ends_ = Instant::never();
     const bool all_told = done.remaining_count == 0;
     caught_up_ = caught_up_ || all_told;
-    if (all_told && is_over(done.state.phase) && done.state.phase != protocol::JobPhase::done)
-        complete_ = true; // failed or cancelled: there is no more
+    const bool whole =
+        done.state.phase == protocol::JobPhase::done && !state_.settings.limited_in_time();
+    if (all_told && is_over(done.state.phase) && !whole)
+        complete_ = true; // failed, cancelled, out of time: there is no more
     else if (!is_over(done.state.phase) && is_over(state_.phase))
         repair_wanted_ = now; // it was answered before the end
     else if (!all_told || is_over(state_.phase))
@@ -252,7 +259,9 @@ void Follower::ask_if_due(Instant now, std::vector<Action>& actions) {
 void Follower::look_whether_complete() {
     if (!is_over(state_.phase))
         return;
-    const bool done = state_.phase == protocol::JobPhase::done;
+    // When its time is up, a job is done with what there is.
+    const bool done =
+        state_.phase == protocol::JobPhase::done && !state_.settings.limited_in_time();
     if (have_count_ >= (done ? state_.tile_count : state_.done_count))
         complete_ = true;
 }

@@ -37,6 +37,7 @@ Json settings_object(const protocol::PictureSettings& s) {
             {"error", s.error},
             {"max_samples", s.max_samples},
             {"filter", to_string(s.filter)},
+            {"time_limit_s", seconds(s.time_limit)},
             {"exact", s.exact},
             {"kernel", to_string(s.kernel)}};
 }

@@ -1,7 +1,9 @@
 #include "client/picture.hpp"
 
+#include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/net/clock.hpp"
+#include "common/protocol/passes.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -36,39 +38,58 @@ std::vector<float> floats_of(const std::vector<Blob>& blobs, std::size_t float_c
     return floats;
 }
 
-Tile tile_of(const protocol::TileDone& done, bool estimates) {
+Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& settings) {
     const std::size_t pixels = done.rect.pixel_count();
-    std::vector<float> floats = floats_of(done.blobs, (estimates ? 5 : 3) * pixels);
-    Tile tile{.rect = done.rect, .rgb = {}};
-    if (estimates) {
-        const auto samples = floats.begin() + static_cast<std::ptrdiff_t>(3 * pixels);
-        const auto error = samples + static_cast<std::ptrdiff_t>(pixels);
-        tile.samples.assign(samples, error);
-        tile.error.assign(error, floats.end());
-        floats.resize(3 * pixels);
+    const std::vector<float> floats =
+        floats_of(done.blobs, pixels * settings.pixel_bytes() / sizeof(float));
+    auto from = floats.begin();
+    const auto next = [&](std::size_t count) {
+        const auto begin = from;
+        from += static_cast<std::ptrdiff_t>(count);
+        return std::vector<float>(begin, from);
+    };
+    Tile tile{.rect = done.rect, .rgb = next(3 * pixels)};
+    if (settings.error > 0) {
+        tile.samples = next(pixels);
+        tile.error = next(pixels);
+    } else if (settings.limited_in_time()) {
+        tile.squares = next(pixels);
     }
-    tile.rgb = std::move(floats);
     return tile;
+}
+
+PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t tile_count) {
+    std::vector<std::uint32_t> samples(protocol::pass_count(settings));
+    for (std::uint32_t pass = 0; pass < samples.size(); ++pass)
+        samples[pass] = protocol::pass_of(pass).count;
+    const std::size_t tiles = tile_count / samples.size();
+    return {settings.size, settings.crop, std::move(samples), tiles};
 }
 
 } // namespace
 
 Picture::Picture(const protocol::PictureSettings& settings)
-    : film_(settings.size, settings.crop,
-            settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
+    : settings_(settings),
+      film_(settings.size, settings.limited_in_time() ? PixelRect{} : settings.crop,
+            settings.error > 0 ? Film::Keeps::estimates : Film::Keeps::colours) {}
 
-void Picture::place(const protocol::TileDone& tile) {
-    film_.place(tile_of(tile, !film_.error().empty()));
-    pixels_placed_ += tile.rect.pixel_count();
+void Picture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
+    if (tile.pass == 0)
+        pixels_placed_ += tile.rect.pixel_count();
+    if (!settings_.limited_in_time())
+        return film_.place(tile_of(tile, settings_));
+    if (!passes_)
+        passes_.emplace(pass_film(settings_, tile_count));
+    passes_->place(tile.pass, tile_of(tile, settings_));
 }
 
 std::optional<Estimate> Picture::estimate() const {
-    const auto error = film_.error();
+    const auto error = film().error();
     if (error.empty() || pixels_placed_ < error.size())
         return std::nullopt;
     Estimate e;
     for (std::size_t i = 0; i < error.size(); ++i) {
-        e.samples += static_cast<double>(film_.samples()[i]);
+        e.samples += static_cast<double>(film().samples()[i]);
         e.rms_error += static_cast<double>(error[i]) * static_cast<double>(error[i]);
     }
     const auto pixels = static_cast<double>(error.size());
@@ -77,7 +98,11 @@ std::optional<Estimate> Picture::estimate() const {
 
 Result<void> Picture::write(const std::filesystem::path& path,
                             const std::vector<PictureAttribute>& attributes) const {
-    return write_picture(path, film_, attributes);
+    if (!passes_)
+        return write_picture(path, film_, attributes);
+    std::vector<PictureAttribute> more = attributes;
+    more.push_back({"fraja:passes", std::to_string(passes_->passes_done())});
+    return write_picture(path, passes_->film(), more);
 }
 
 std::vector<PictureAttribute> picture_attributes(const ContentHash& scene,
@@ -119,6 +144,9 @@ std::string settings_text(const protocol::PictureSettings& s) {
     std::string text = fmt::format("depth {}, ", s.depth);
     if (s.error > 0)
         text += fmt::format("error {} with at most {} samples, ", s.error, s.max_samples);
+    else if (s.limited_in_time())
+        text += fmt::format("time limit {} with at most {} samples, ",
+                            format_duration(s.time_limit), s.max_samples);
     else if (s.spp > 0)
         text += fmt::format("spp {}, ", s.spp);
     else
@@ -134,9 +162,9 @@ void LivePicture::begin(const protocol::JobState& job, std::filesystem::path pat
     attributes_ = picture_attributes(job.scene, job.settings);
 }
 
-void LivePicture::place(const protocol::TileDone& tile) {
+void LivePicture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
     FRAJA_ASSERT(picture_.has_value());
-    picture_->place(tile);
+    picture_->place(tile, tile_count);
     changed_ = true;
 }
 

@@ -4,6 +4,7 @@
 #include "common/base/instant.hpp"
 #include "common/base/result.hpp"
 #include "common/image/film.hpp"
+#include "common/image/pass_film.hpp"
 #include "common/image_io/picture_file.hpp"
 #include "common/protocol/messages.hpp"
 
@@ -15,7 +16,7 @@
 
 namespace fraja::client {
 
-/// What is thought of a picture whose pixels have as many samples as each needs.
+/// What is thought of a picture that is adaptive or has a time limit.
 struct Estimate {
     double samples = 0;   ///< per pixel
     double rms_error = 0; ///< over its pixels and colours, in units of the radiance
@@ -27,9 +28,11 @@ public:
     explicit Picture(const protocol::PictureSettings& settings);
 
     /// The tile must have been checked against the job, as Follower does.
-    void place(const protocol::TileDone& tile);
+    /// `tile_count`: the job's.
+    void place(const protocol::TileDone& tile, std::uint32_t tile_count);
+    /// Of the region's pixels, those that there is anything of.
     [[nodiscard]] std::uint64_t pixels_placed() const { return pixels_placed_; }
-    [[nodiscard]] const Film& film() const { return film_; }
+    [[nodiscard]] const Film& film() const { return passes_ ? passes_->film() : film_; }
 
     /// Nothing where the settings do not ask for it, or pixels are missing.
     [[nodiscard]] std::optional<Estimate> estimate() const;
@@ -39,7 +42,9 @@ public:
                                      const std::vector<PictureAttribute>& attributes) const;
 
 private:
+    protocol::PictureSettings settings_;
     Film film_;
+    std::optional<PassFilm> passes_; ///< instead of it, of a picture with a time limit
     std::uint64_t pixels_placed_ = 0;
 };
 
@@ -58,7 +63,7 @@ class LivePicture {
 public:
     /// Call when the job is known; again, when another is: it starts anew.
     void begin(const protocol::JobState& job, std::filesystem::path path);
-    void place(const protocol::TileDone& tile);
+    void place(const protocol::TileDone& tile, std::uint32_t tile_count);
     /// Writes if that is due. Returns when it next is.
     [[nodiscard]] Result<Instant> tick(Instant now);
     /// Writes what is there, if anything is.

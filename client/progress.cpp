@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 
+#include <algorithm>
 #include <array>
 #include <fmt/core.h>
 
@@ -25,6 +26,18 @@ std::string format_rate(double rays_per_s) {
     }
     const int decimals = power == 0 || rays_per_s >= 99.95 ? 0 : rays_per_s >= 9.995 ? 1 : 2;
     return fmt::format("{:.{}f} {}ray/s", rays_per_s, decimals, prefixes[power]);
+}
+
+double share_done(const protocol::JobState& s) {
+    if (s.tile_count == 0)
+        return 0;
+    const double tiles = static_cast<double>(s.done_count) / s.tile_count;
+    if (!s.settings.limited_in_time())
+        return tiles;
+    if (s.phase == protocol::JobPhase::done)
+        return 1;
+    // The last moments are the first pass's, if it takes longer than there was time.
+    return std::clamp(seconds(s.elapsed) / seconds(s.settings.time_limit), tiles, 0.99);
 }
 
 std::string progress_line(const ProgressView& v) {
@@ -51,6 +64,7 @@ void ProgressMeter::update(const protocol::JobState& s) {
     view_.phase = s.phase;
     view_.done_count = s.done_count;
     view_.tile_count = s.tile_count;
+    view_.share = share_done(s);
     view_.worker_count = s.worker_count;
     view_.elapsed = s.elapsed;
 
@@ -67,9 +81,9 @@ void ProgressMeter::update(const protocol::JobState& s) {
         span > 0.01 ? static_cast<double>(samples_.back().rays - first.rays) / span : 0;
 
     view_.remaining.reset();
-    if (!is_over(s.phase) && s.done_count > 0 && s.elapsed >= remaining_known_after)
+    if (!is_over(s.phase) && view_.share > 0 && s.elapsed >= remaining_known_after)
         view_.remaining = Duration(static_cast<Duration::rep>(
-            static_cast<double>(s.elapsed.count()) * (1 - view_.share()) / view_.share()));
+            static_cast<double>(s.elapsed.count()) * (1 - view_.share) / view_.share));
 }
 
 bool PlainPace::is_due(Instant now, unsigned percent) {

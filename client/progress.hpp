@@ -16,22 +16,22 @@ struct ProgressView {
     std::uint32_t number = 0;
     protocol::JobPhase phase{};
     std::uint32_t done_count = 0, tile_count = 0;
+    double share = 0; ///< share_done()
     std::uint32_t worker_count = 0;
     double rays_per_s = 0; ///< 0: not known
     Duration elapsed{};
     std::optional<Duration> remaining;
     bool connected = true;
 
-    [[nodiscard]] double share() const {
-        return tile_count == 0 ? 0 : static_cast<double>(done_count) / tile_count;
-    }
-    /// Rounded down, so that 100 is the end.
-    [[nodiscard]] unsigned percent() const {
-        return tile_count == 0
-                   ? 0
-                   : static_cast<unsigned>(std::uint64_t{100} * done_count / tile_count);
+    [[nodiscard]] unsigned percent() const { return percent_of(share); }
+    /// Rounded down, so that 100 is the end; but 0.29 is 29.
+    [[nodiscard]] static unsigned percent_of(double share) {
+        return static_cast<unsigned>(100 * share + 1e-9);
     }
 };
+
+/// How much of a job is done, from 0 to 1: of its tiles, or of its time where that is limited.
+[[nodiscard]] double share_done(const protocol::JobState& state);
 
 /// `cone #17  63%  12 workers  38.1 Mray/s  0:42 < 0:25`
 [[nodiscard]] std::string progress_line(const ProgressView& view);

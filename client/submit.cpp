@@ -21,6 +21,9 @@
 namespace fraja::client {
 namespace {
 
+/// A time limit that reading the scene has used up.
+constexpr Duration least_time_limit = std::chrono::milliseconds(1);
+
 /// Keeps the picture, the progress and the sums while a submission runs.
 class SubmitListener final : public Listener {
 public:
@@ -55,7 +58,7 @@ private:
             progress_.update(news.state);
     }
     void take(Instant, const TileArrived& news) {
-        picture_->place(news.tile);
+        picture_->place(news.tile, news.tile_count);
         workers_.insert(news.tile.worker_name);
     }
     void take(Instant, const StateChanged& news) {
@@ -167,6 +170,8 @@ private:
                                   .session = session_options(options_.shared),
                                   .detach = options_.detach,
                                   .timeout = options_.timeout};
+        if (protocol::PictureSettings& s = request.job.settings; s.limited_in_time())
+            s.time_limit = std::max<Duration>(s.time_limit - since_start(), least_time_limit);
         if (options_.local) {
             auto started = LocalFarm::start(context, options_.local_threads);
             if (!started)
@@ -263,9 +268,7 @@ private:
 
     void print_stats() const {
         const double elapsed = seconds(report_.job.elapsed);
-        const double wall =
-            std::chrono::duration<double>(std::chrono::system_clock::now() - report_.started)
-                .count();
+        const double wall = seconds(since_start());
         fmt::print("{}", counts_page(report_.job));
         if (const auto& e = report_.estimate)
             fmt::print("samples           {:.2f} per pixel\n"
@@ -281,6 +284,11 @@ private:
         fmt::print("tiles             {}\n"
                    "workers           {}\n",
                    report_.job.done_count, report_.workers);
+    }
+
+    [[nodiscard]] Duration since_start() const {
+        return std::chrono::duration_cast<Duration>(std::chrono::system_clock::now() -
+                                                    report_.started);
     }
 
     int end(std::string state, Outcome outcome) {

@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/passes.hpp"
 #include "common/render/kernel/render.hpp"
 
 #include <CLI/CLI.hpp>
@@ -30,7 +31,9 @@ constexpr double error_min = 0.001;
 struct Arguments {
     SharedArguments shared;
     SubmitOptions options;
-    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", filter = "box", timeout;
+    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", filter = "box",
+                            time_limit, timeout;
+    CLI::Option* max_samples = nullptr;
     bool overwrite = false;
 };
 
@@ -62,12 +65,18 @@ void add_picture_options(CLI::App& app, Arguments& a) {
             ->excludes("--aa")
             ->excludes(spp)
             ->type_name("E");
-    app.add_option("--max-samples", a.options.settings.max_samples, "Ceiling per pixel for --error")
-        ->capture_default_str()
-        ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
-        ->needs(error)
-        ->type_name("N");
-    app.add_option("--filter", a.filter, "Pixel filter of --spp and --error: box or tent")
+    app.add_option("--time-limit", a.time_limit, "The best picture within T")
+        ->excludes("--aa")
+        ->excludes(spp)
+        ->excludes(error)
+        ->type_name("T");
+    a.max_samples = app.add_option("--max-samples", a.options.settings.max_samples,
+                                   "Ceiling per pixel for --error and --time-limit")
+                        ->capture_default_str()
+                        ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
+                        ->type_name("N");
+    app.add_option("--filter", a.filter,
+                   "Pixel filter of --spp, --error and --time-limit: box or tent")
         ->capture_default_str()
         ->check(CLI::IsMember({"box", "tent"}))
         ->type_name("FILTER");
@@ -136,6 +145,16 @@ Result<void> read_picture(Arguments& a) {
             return invalid_option("--crop " + a.crop + ": a rectangle is written as X,Y,W,H");
         s.crop = *crop;
     }
+    if (!a.time_limit.empty()) {
+        const auto limit = parse_duration(a.time_limit);
+        if (!limit || *limit <= Duration::zero())
+            return invalid_option("--time-limit " + a.time_limit +
+                                  ": a duration is written as 90, 90s, 5m or 1h30m");
+        s.time_limit = *limit;
+    }
+    if (*a.max_samples && s.error == 0 && !s.limited_in_time())
+        return invalid_option("--max-samples: without --error or --time-limit there is nothing "
+                              "that it limits");
     using enum protocol::KernelChoice;
     s.kernel = a.kernel == "reference" ? reference : fast;
     s.filter = a.filter == "tent" ? protocol::PixelFilter::tent : protocol::PixelFilter::box;
@@ -161,7 +180,9 @@ Result<void> read_tiles(Arguments& a) {
                               std::to_string(protocol::tile_side_max) + " pixels");
     o.tile_side = static_cast<std::uint32_t>(*side);
     const auto along = [&](std::uint32_t pixels) { return (pixels + *side - 1) / *side; };
-    if (along(o.settings.crop.width) * along(o.settings.crop.height) > protocol::tiles_per_job_max)
+    if (along(o.settings.crop.width) * along(o.settings.crop.height) *
+            protocol::pass_count(o.settings) >
+        protocol::tiles_per_job_max)
         return invalid_option("--tile " + a.tile + ": that makes more than " +
                               std::to_string(protocol::tiles_per_job_max) + " tiles");
     return {};

@@ -74,10 +74,7 @@ std::string jobs_table(const std::vector<protocol::JobState>& jobs) {
     std::vector<Row> rows = {
         {"JOB", "NAME", "STATE", "DONE", "TILES", "WORKERS", "RAYS", "TIME", "ID"}};
     for (const auto& job : sorted) {
-        const unsigned percent =
-            job.tile_count == 0
-                ? 0
-                : static_cast<unsigned>(std::uint64_t{100} * job.done_count / job.tile_count);
+        const unsigned percent = ProgressView::percent_of(share_done(job));
         rows.push_back({"#" + std::to_string(job.number), cut(job.job_name, 24),
                         std::string(to_string(job.phase)), std::to_string(percent) + "%",
                         std::to_string(job.tile_count), std::to_string(job.worker_count),

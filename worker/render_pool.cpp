@@ -3,6 +3,7 @@
 #include "common/net/clock.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/passes.hpp"
 #include "common/scene/raj_reader.hpp"
 
 #include <algorithm>
@@ -27,15 +28,23 @@ Kernel kernel_of(protocol::KernelChoice choice) {
     return {};
 }
 
-RenderSettings render_settings(const protocol::PictureSettings& s) {
-    return {.size = s.size,
-            .depth = s.depth,
-            .aa = s.aa,
-            .spp = s.spp,
-            .error = s.error,
-            .max_samples = s.max_samples,
-            .filter = s.filter == protocol::PixelFilter::tent ? Filter::tent : Filter::box,
-            .exact = s.exact};
+RenderSettings render_settings(const protocol::PictureSettings& s, std::uint32_t pass) {
+    RenderSettings settings{.size = s.size,
+                            .depth = s.depth,
+                            .aa = s.aa,
+                            .spp = s.spp,
+                            .error = s.error,
+                            .max_samples = s.max_samples,
+                            .filter = s.filter == protocol::PixelFilter::tent ? Filter::tent
+                                                                              : Filter::box,
+                            .exact = s.exact};
+    if (s.limited_in_time()) {
+        const protocol::Pass samples = protocol::pass_of(pass);
+        settings.first_sample = samples.first;
+        settings.spp = samples.count;
+        settings.squares = true;
+    }
+    return settings;
 }
 
 protocol::Rays rays_of(const RayCounts& r) {
@@ -101,7 +110,7 @@ std::vector<Blob> pixel_blobs(const Tile& tile) {
     static_assert(protocol::chunk_bytes % sizeof(float) == 0);
     std::vector<Blob> blobs;
     Bytes bytes;
-    for (const std::vector<float>* floats : {&tile.rgb, &tile.samples, &tile.error})
+    for (const std::vector<float>* floats : {&tile.rgb, &tile.samples, &tile.error, &tile.squares})
         for (const float value : *floats) {
             const auto bits = std::bit_cast<std::uint32_t>(value);
             for (unsigned b = 0; b < 4; ++b)
@@ -144,9 +153,13 @@ void RenderPool::perform(SessionIndex session, const StartTile& action) {
     FRAJA_ASSERT(scene != scenes_.end());
     const Kernel kernel = kernel_of(action.settings.kernel);
     const auto [compiled, is_new] = scene->second->compiled.try_emplace(kernel);
-    Drawing drawing{{session, action.ticket}, scene->second,
-                    compiled->second,         action.rect,
-                    action.settings,          std::make_shared<RenderControl>()};
+    Drawing drawing{.key = {session, action.ticket},
+                    .scene = scene->second,
+                    .compiled = compiled->second,
+                    .pass = action.pass,
+                    .rect = action.rect,
+                    .settings = action.settings,
+                    .control = std::make_shared<RenderControl>()};
     if (drawing.compiled)
         return enqueue(std::move(drawing));
     waiting_.push_back(std::move(drawing));
@@ -254,8 +267,8 @@ void RenderPool::carry_out(Compiling deed) {
 void RenderPool::carry_out(Drawing deed) {
     const Instant begin = net::now();
     auto drawn = guarded([&]() -> Result<Drawn> {
-        auto tile =
-            deed.compiled->render_tile(render_settings(deed.settings), deed.rect, *deed.control);
+        auto tile = deed.compiled->render_tile(render_settings(deed.settings, deed.pass), deed.rect,
+                                               *deed.control);
         if (!tile)
             return tile.error();
         return Drawn{pixel_blobs(tile->tile), tile->rays};

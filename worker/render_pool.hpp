@@ -76,6 +76,7 @@ private:
         TileKey key;
         std::shared_ptr<LoadedScene> scene;
         Compiled compiled; // null while it waits for that
+        std::uint32_t pass;
         PixelRect rect;
         protocol::PictureSettings settings;
         std::shared_ptr<RenderControl> control;

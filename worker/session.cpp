@@ -452,7 +452,7 @@ Session::Tiles::iterator Session::find_tile(JobId job, TileIndex tile, AttemptNu
 void Session::start_tile(Turn& turn, Ticket ticket, Tile& tile) {
     tile.started = true;
     turn.actions.emplace_back(
-        StartTile{ticket, tile.order.scene, tile.order.rect, tile.order.settings});
+        StartTile{ticket, tile.order.scene, tile.order.pass, tile.order.rect, tile.order.settings});
 }
 
 /// Stops what runs; the answer, if one is due, was sent before.

@@ -112,6 +112,7 @@ struct CompileScene {
 struct StartTile {
     Ticket ticket{};
     ContentHash scene;
+    std::uint32_t pass = 0;
     PixelRect rect;
     protocol::PictureSettings settings;
 };

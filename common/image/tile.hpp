@@ -14,6 +14,8 @@ struct Tile {
     /// Of each pixel its samples, and what its error is thought to be: root of the mean square over
     /// the colours, in units of the radiance. Empty where that is not told.
     std::vector<float> samples = {}, error = {};
+    /// Of each pixel, of a pass over a picture: the mean of the squares of its samples' colours.
+    std::vector<float> squares = {};
     friend bool operator==(const Tile&, const Tile&) = default;
 };
 

@@ -1,6 +1,9 @@
 // The limits of the wire, in one place. PROTOCOL.md repeats them and a test compares the two.
 #pragma once
 
+#include "common/base/instant.hpp"
+
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 
@@ -27,5 +30,6 @@ inline constexpr std::uint32_t aa_max = 256;
 inline constexpr std::uint32_t samples_min = 4; ///< of the ceiling for error: each pixel has them
 inline constexpr std::uint32_t samples_max = 65'536; ///< per pixel
 inline constexpr double error_max = 255;             ///< levels
+inline constexpr Duration time_limit_max = std::chrono::hours(24'000);
 
 } // namespace fraja::protocol

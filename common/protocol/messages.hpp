@@ -350,6 +350,7 @@ struct RenderTile {
     TileIndex tile{};
     AttemptNumber attempt{};
     std::uint32_t frame = 0;
+    std::uint32_t pass = 0;
     PixelRect rect;
     ContentHash scene;
     std::uint64_t scene_bytes = 0;
@@ -357,13 +358,10 @@ struct RenderTile {
     friend bool operator==(const RenderTile&, const RenderTile&) = default;
     static constexpr auto fields() {
         using T = RenderTile;
-        return std::tuple{Field{"job", &T::job},
-                          Field{"tile", &T::tile},
-                          Field{"attempt", &T::attempt},
-                          Field{"frame", &T::frame},
-                          Field{"rect", &T::rect},
-                          Field{"scene", &T::scene},
-                          Field{"scene_bytes", &T::scene_bytes},
+        return std::tuple{Field{"job", &T::job},          Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt},  Field{"frame", &T::frame},
+                          Field{"pass", &T::pass},        Field{"rect", &T::rect},
+                          Field{"scene", &T::scene},      Field{"scene_bytes", &T::scene_bytes},
                           Field{"settings", &T::settings}};
     }
 };
@@ -423,6 +421,7 @@ struct TileDone {
     JobId job;
     TileIndex tile{};
     std::uint32_t frame = 0;
+    std::uint32_t pass = 0;
     PixelRect rect;
     std::string worker_name;
     Rays rays;
@@ -430,13 +429,10 @@ struct TileDone {
     std::vector<Blob> blobs; ///< the pixels, cut into frames
     static constexpr auto fields() {
         using T = TileDone;
-        return std::tuple{Field{"job", &T::job},
-                          Field{"tile", &T::tile},
-                          Field{"frame", &T::frame},
-                          Field{"rect", &T::rect},
-                          Field{"worker_name", &T::worker_name},
-                          Field{"rays", &T::rays},
-                          Field{"elapsed", &T::elapsed}};
+        return std::tuple{Field{"job", &T::job},     Field{"tile", &T::tile},
+                          Field{"frame", &T::frame}, Field{"pass", &T::pass},
+                          Field{"rect", &T::rect},   Field{"worker_name", &T::worker_name},
+                          Field{"rays", &T::rays},   Field{"elapsed", &T::elapsed}};
     }
 };
 

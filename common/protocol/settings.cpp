@@ -47,8 +47,13 @@ Result<void> validate(const PictureSettings& s) {
                        std::to_string(samples_min) + " to " + std::to_string(samples_max));
     if (int{s.aa > 0} + int{s.spp > 0} + int{s.error > 0} > 1)
         return invalid("aa: one of aa, spp and error says how many samples there are, not two");
-    if (s.filter != PixelFilter::box && s.spp == 0 && s.error == 0)
-        return invalid("filter: weighs the samples of --spp or --error, neither of which is given");
+    if (s.time_limit < Duration::zero() || s.time_limit > time_limit_max)
+        return invalid("time-limit: from 0 to 1000 days");
+    if (s.limited_in_time() && (s.aa > 0 || s.spp > 0 || s.error > 0))
+        return invalid("time-limit: says how many samples there are; without aa, spp and error");
+    if (s.filter != PixelFilter::box && s.spp == 0 && s.error == 0 && !s.limited_in_time())
+        return invalid("filter: weighs the samples of --spp, --error or --time-limit, none of "
+                       "which is given");
     return {};
 }
 

@@ -1,6 +1,7 @@
 // How a picture is drawn, as it travels. Scenes and pixels are bytes here.
 #pragma once
 
+#include "common/base/instant.hpp"
 #include "common/base/pixel_rect.hpp"
 #include "common/base/result.hpp"
 #include "common/protocol/fields.hpp"
@@ -33,6 +34,7 @@ struct PictureSettings {
     double error = 0;
     std::uint32_t max_samples = 1024;
     PixelFilter filter = PixelFilter::box;
+    Duration time_limit{};
 
     friend bool operator==(const PictureSettings&, const PictureSettings&) = default;
     static constexpr auto fields() {
@@ -46,12 +48,16 @@ struct PictureSettings {
                           Field{"spp", &T::spp},
                           Field{"error", &T::error},
                           Field{"max_samples", &T::max_samples},
-                          Field{"filter", &T::filter}};
+                          Field{"filter", &T::filter},
+                          Field{"time_limit", &T::time_limit}};
     }
-    /// Each pixel comes with its samples and its error.
-    [[nodiscard]] bool estimates() const { return error > 0; }
-    /// Of a pixel, as it travels: 32-bit floats.
-    [[nodiscard]] std::uint64_t pixel_bytes() const { return 4 * (estimates() ? 5 : 3); }
+    /// It is drawn in passes over all of it (passes.hpp).
+    [[nodiscard]] bool limited_in_time() const { return time_limit > Duration::zero(); }
+    /// Of a pixel, as it travels: 32-bit floats. Red, green, blue; of an adaptive picture samples
+    /// and error; of a pass the mean of the samples' squares.
+    [[nodiscard]] std::uint64_t pixel_bytes() const {
+        return 4 * (error > 0 ? 5 : limited_in_time() ? 4 : 3);
+    }
 };
 
 /// The order in which the tiles of a picture are handed out. It never changes pixels.

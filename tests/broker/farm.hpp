@@ -99,7 +99,7 @@ public:
                 .attempt = tile.attempt,
                 .rays = {tile.rect.pixel_count(), 0, 0, 0},
                 .elapsed = std::chrono::milliseconds(5),
-                .blobs = {make_blob(Bytes(tile.rect.pixel_count() * 12))}};
+                .blobs = {make_blob(Bytes(tile.rect.pixel_count() * tile.settings.pixel_bytes()))}};
     }
     void render(const PeerId& peer, const protocol::RenderTile& tile) { say(peer, answer(tile)); }
     void fail(const PeerId& peer, const protocol::RenderTile& tile, protocol::FailureCode code) {

@@ -74,6 +74,11 @@ TEST_CASE("fraja-submit reads every option") {
     CHECK(adaptive.max_samples == 256);
     CHECK(adaptive.filter == protocol::PixelFilter::tent);
     CHECK(submit("a.raj --spp 7").settings.spp == 7);
+    const auto limited = submit("a.raj --time-limit 1m30s --max-samples 64 --filter tent").settings;
+    CHECK(limited.time_limit == 90s);
+    CHECK(limited.max_samples == 64);
+    CHECK(limited.limited_in_time());
+    CHECK_FALSE(submit("a.raj").settings.limited_in_time());
     CHECK(submit("a.raj --kernel fast").settings.kernel == protocol::KernelChoice::fast);
     CHECK(o.tile_side == 16);
     CHECK(o.order == protocol::TileOrder::spiral);
@@ -120,6 +125,12 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj --error nan", "--error"},
                            Row{"a.raj --error 1 -a 2", "--error"},
                            Row{"a.raj --error 1 --spp 4", "--error"},
+                           Row{"a.raj --time-limit 0", "--time-limit 0"},
+                           Row{"a.raj --time-limit soon", "--time-limit soon"},
+                           Row{"a.raj --time-limit 1s --spp 4", "--time-limit"},
+                           Row{"a.raj --time-limit 1s -a 4", "--time-limit"},
+                           Row{"a.raj --time-limit 1s --error 4", "--time-limit"},
+                           Row{"a.raj --time-limit 1s --tile 1 -r 1024x1024", "--tile 1"},
                            Row{"a.raj --max-samples 64", "--max-samples"},
                            Row{"a.raj --error 1 --max-samples 3", "--max-samples"},
                            Row{"a.raj --filter tent", "--filter"},

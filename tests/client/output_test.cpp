@@ -219,7 +219,7 @@ TEST_CASE("a picture puts tiles together, wherever their bytes were cut") {
         t.rect = {3, 2, 2, 1};
         t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
                    make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
-        picture.place(t);
+        picture.place(t, 1);
         const auto row = picture.film().pixels().subspan(3 * (4 + 1), 6);
         CHECK(std::equal(row.begin(), row.end(), rgb.begin()));
     }
@@ -239,11 +239,11 @@ TEST_CASE("a live picture is written when something came, and not too often") {
     protocol::TileDone t;
     t.rect = {0, 0, 1, 1};
     t.blobs = {make_blob(Bytes(12))};
-    live.place(t);
+    live.place(t, 1);
     REQUIRE(*live.tick(Instant{} + 1s) == Instant::never());
     CHECK(std::filesystem::exists(path));
     std::filesystem::remove(path);
-    live.place(t);
+    live.place(t, 1);
     CHECK(*live.tick(Instant{} + 1400ms) > Instant{} + 1499ms);
     CHECK_FALSE(std::filesystem::exists(path));
     REQUIRE(live.finish());

@@ -29,6 +29,7 @@ TEST_CASE("the progress line is the one of the manual") {
                             .phase = protocol::JobPhase::running,
                             .done_count = 63,
                             .tile_count = 100,
+                            .share = 0.63,
                             .worker_count = 12,
                             .rays_per_s = 38.1e6,
                             .elapsed = 42s,
@@ -49,19 +50,37 @@ TEST_CASE("the progress line says what is waited for") {
     view.worker_count = 1;
     CHECK(progress_line(view) == "cone #1  0%  1 worker  0:00");
     view.phase = protocol::JobPhase::done;
-    view.done_count = 9;
+    view.share = 1;
     view.worker_count = 0;
     CHECK(progress_line(view) == "cone #1  100%  0:00");
 }
 
 TEST_CASE("percent is rounded down: 100 is the end") {
-    ProgressView view{
-        .job_name = {}, .done_count = 4'194'303, .tile_count = 4'194'304, .remaining = {}};
-    CHECK(view.percent() == 99);
-    view.done_count = 4'194'304;
-    CHECK(view.percent() == 100);
-    view.tile_count = view.done_count = 0;
-    CHECK(view.percent() == 0);
+    const auto percent = [](std::uint32_t done, std::uint32_t all) {
+        protocol::JobState job;
+        job.tile_count = all, job.done_count = done;
+        return ProgressView::percent_of(share_done(job));
+    };
+    CHECK(percent(4'194'303, 4'194'304) == 99);
+    CHECK(percent(4'194'304, 4'194'304) == 100);
+    CHECK(percent(0, 0) == 0);
+    for (std::uint32_t p = 0; p <= 100; ++p)
+        CHECK(percent(p, 100) == p);
+}
+
+TEST_CASE("a job with a time limit is done by its time, or when there is nothing more to do") {
+    protocol::JobState job;
+    job.tile_count = 1600, job.done_count = 100;
+    job.settings.time_limit = 10s;
+    job.phase = protocol::JobPhase::running;
+    job.elapsed = 5s;
+    CHECK(share_done(job) == 0.5);
+    job.elapsed = 11s; // the first pass takes longer
+    CHECK(share_done(job) == 0.99);
+    job.elapsed = 1s, job.done_count = 1200; // there are not that many samples
+    CHECK(share_done(job) == 0.75);
+    job.elapsed = 10s, job.done_count = 100, job.phase = protocol::JobPhase::done;
+    CHECK(share_done(job) == 1);
 }
 
 TEST_CASE("rates have three digits and a prefix") {

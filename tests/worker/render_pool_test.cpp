@@ -86,7 +86,7 @@ StartTile whole_picture(Ticket ticket, const ContentHash& scene, Extent size,
     settings.size = size;
     settings.crop = {0, 0, size.width, size.height};
     settings.kernel = kernel;
-    return {ticket, scene, settings.crop, settings};
+    return {ticket, scene, 0, settings.crop, settings};
 }
 
 /// What the renderer itself draws.

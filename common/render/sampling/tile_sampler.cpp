@@ -90,6 +90,7 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
         double rgb[3] = {};
     };
     std::vector<Sum> sums(rect.pixel_count());
+    std::vector<double> squares(settings.squares ? rect.pixel_count() : 0);
     Losses losses(rect.pixel_count(), settings.truncation);
     SampleQueue queue(scene, settings, rect, control);
     queue.set_extras({.lost = settings.truncation});
@@ -97,14 +98,17 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
         double* const sum = sums[run.pixel].rgb;
         for (std::size_t i = 0; i < run.rgb.size(); i += 3)
             sum[0] += run.rgb[i], sum[1] += run.rgb[i + 1], sum[2] += run.rgb[i + 2];
+        if (settings.squares)
+            for (const double component : run.rgb)
+                squares[run.pixel] += component * component;
         losses.add(run, queue.budget_spent());
     };
     const std::uint64_t per_pixel = settings.depth == 0 ? 1 : settings.samples_per_pixel();
     const bool drawn = for_each_square(rect, block_side(per_pixel), [&](PixelRect square) {
         return for_each_pixel(square,
                               [&](std::uint32_t column, std::uint32_t row) {
-                                  return queue.add(index_in(rect, column, row), column, row, 0,
-                                                   per_pixel, collect);
+                                  return queue.add(index_in(rect, column, row), column, row,
+                                                   settings.first_sample, per_pixel, collect);
                               }) &&
                queue.draw(collect);
     });
@@ -116,6 +120,8 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
     for (const Sum& sum : sums)
         for (const double component : sum.rgb)
             *to++ = as_float(component * weight);
+    for (const double sum : squares)
+        result.tile.squares.push_back(as_float(sum * weight / 3));
     if (settings.truncation)
         for (std::size_t i = 0; i < sums.size(); ++i)
             result.truncated.push_back(as_float(losses.greatest(i) * weight));

@@ -209,6 +209,7 @@ TEST_CASE("the page has the limits of the code and no other") {
         {"samples_min", samples_min},
         {"samples_max", samples_max},
         {"error_max", static_cast<std::uint64_t>(error_max)},
+        {"time_limit_max", static_cast<std::uint64_t>(time_limit_max.count())},
     };
     std::size_t on_page = 0;
     for (const auto& [name, value] : page.rows)
