@@ -104,7 +104,7 @@ TEST_CASE("background alone, or one plain surface in the light, needs hardly mor
     SceneBuilder wall;
     wall.solid(Plane{{5, 0, 0}, {-1, 0.3, 0.2}}, matte(0.9));
     wall.scene.world.ambient_light = {0.1, 0.1, 0.1};
-    wall.scene.world.lights = {PointLight{{0, 4, 5}, {0.8, 0.7, 0.6}}};
+    wall.scene.world.lights = {PointLight{{2, 1, 2}, {0.8, 0.7, 0.6}}};
     const Film lit = film_of(*compiled(wall.scene), settings);
     const auto [least, most] = std::ranges::minmax(lit.pixels());
     CHECK(most > least + 0.1F);
