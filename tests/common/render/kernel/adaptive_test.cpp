@@ -67,6 +67,16 @@ TEST_CASE("the threads that draw an adaptive picture do not show in it") {
     CHECK(one->rays == four->rays);
 }
 
+TEST_CASE("the pixels that a tile is said to have skipped are its own") {
+    SceneBuilder sky;
+    sky.solid(Sphere{{-100, 0, 0}, 1}, matte(1));
+    RenderControl control;
+    const auto tile =
+        compiled(sky.scene)->render_tile({.size = {53, 41}, .error = 2}, {10, 10, 4, 4}, control);
+    REQUIRE(tile.has_value());
+    CHECK(tile->rays.skipped_pixels == 16); // not of those around, whose samples it looks at
+}
+
 TEST_CASE("a pixel has 4 samples, or twice as many so often, and no more than may be") {
     const auto scene = compiled(edges());
     for (const auto& [may, most] :
