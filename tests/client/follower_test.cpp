@@ -215,9 +215,31 @@ TEST_CASE("a tile is delivered once, and rubbish never") {
     CHECK(f.follower.have_count() == 2);
 }
 
+TEST_CASE("a tile has 5 floats a pixel where the job tells of errors, and 3 where it does not") {
+    for (const bool adaptive : {false, true}) {
+        auto job = job_of_four_tiles();
+        job.settings.error = adaptive ? 1 : 0;
+        Follower follower(job, Rng(1));
+        std::vector<Action> actions;
+        follower.start({}, actions);
+        auto tile = tile_of(job, 0);
+        for (const std::size_t bytes : {adaptive ? 12u : 20u, 16u, 24u, 40u}) {
+            tile.blobs = {make_blob(Bytes(bytes))};
+            follower.step({}, FromStream{tile}, actions);
+        }
+        CHECK(follower.counts().rubbish == 4);
+        CHECK(follower.have_count() == 0);
+        tile.blobs = {make_blob(Bytes(11)), make_blob(Bytes(adaptive ? 9 : 1))};
+        actions.clear();
+        follower.step({}, FromStream{tile}, actions);
+        CHECK(follower.have_count() == 1);
+        CHECK(only<News>(actions));
+    }
+}
+
 TEST_CASE("a state that contradicts the job is not believed") {
     Following f;
-    std::vector<protocol::JobState> wrong(6, f.job);
+    std::vector<protocol::JobState> wrong(7, f.job);
     for (protocol::JobState& state : wrong) {
         state.epoch = 9; // newer than anything
         state.phase = protocol::JobPhase::cancelled;
@@ -228,6 +250,7 @@ TEST_CASE("a state that contradicts the job is not believed") {
     wrong[3].settings.depth += 1;
     wrong[4].done_count = 5;
     wrong[5].tile_count = UINT32_MAX;
+    wrong[6].settings.error = 1; // its tiles would be larger
     for (const auto& state : wrong) {
         f.step(FromStream{state});
         f.step(FromBroker{state});

@@ -3,6 +3,7 @@
 #include "client/picture.hpp"
 #include "client/table.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <doctest/doctest.h>
 #include <filesystem>
@@ -223,6 +224,87 @@ TEST_CASE("a picture puts tiles together, wherever their bytes were cut") {
         const auto row = picture.film().pixels().subspan(3 * (4 + 1), 6);
         CHECK(std::equal(row.begin(), row.end(), rgb.begin()));
     }
+}
+
+/// One float for each of a picture's pixels and channels, as they travel: rgb, samples, errors.
+Bytes travelling(const std::vector<float>& floats) {
+    Bytes bytes(sizeof(float) * floats.size());
+    std::memcpy(bytes.data(), floats.data(), bytes.size());
+    return bytes;
+}
+
+/// Of 2 x 2 pixels in the middle of a larger picture.
+protocol::PictureSettings adaptive_settings() {
+    protocol::PictureSettings settings;
+    settings.size = {8, 4};
+    settings.crop = {2, 1, 2, 2};
+    settings.error = 2;
+    return settings;
+}
+
+TEST_CASE("an adaptive picture has its pixels' samples and errors, wherever their bytes were cut") {
+    const Bytes bytes = travelling({1, 2, 3, 4, 5, 6, 16, 4, 0.25f, 0.5f});
+    for (std::ptrdiff_t cut = 0; cut <= static_cast<std::ptrdiff_t>(bytes.size()); ++cut) {
+        Picture picture(adaptive_settings());
+        protocol::TileDone t;
+        t.rect = {2, 2, 2, 1};
+        t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
+                   make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
+        picture.place(t);
+        const Film& film = picture.film();
+        CHECK(std::ranges::equal(film.pixels().subspan(6),
+                                 std::vector{1.f, 2.f, 3.f, 4.f, 5.f, 6.f}));
+        CHECK(std::ranges::equal(film.samples(), std::vector{0.f, 0.f, 16.f, 4.f}));
+        CHECK(std::ranges::equal(film.error(), std::vector{0.f, 0.f, 0.25f, 0.5f}));
+    }
+}
+
+TEST_CASE("what is thought of a picture is known when it is whole") {
+    Picture picture(adaptive_settings());
+    CHECK_FALSE(picture.estimate().has_value());
+    protocol::TileDone t;
+    t.rect = {2, 1, 2, 1};
+    t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 4, 16, 0.5f, 0.5f}))};
+    picture.place(t);
+    CHECK(picture.pixels_placed() == 2);
+    CHECK_FALSE(picture.estimate().has_value());
+    t.rect = {2, 2, 2, 1};
+    t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 64, 4, 0.7f, 0.1f}))};
+    picture.place(t);
+    REQUIRE(picture.estimate().has_value());
+    CHECK(picture.estimate()->samples == 22);
+    CHECK(picture.estimate()->rms_error == doctest::Approx(0.5)); // not the mean, 0.45
+}
+
+TEST_CASE("nothing is thought of a picture whose pixels all have as many samples") {
+    auto settings = adaptive_settings();
+    settings.error = 0, settings.spp = 64;
+    Picture picture(settings);
+    protocol::TileDone t;
+    t.rect = settings.crop;
+    t.blobs = {make_blob(Bytes(48))};
+    picture.place(t);
+    CHECK(picture.pixels_placed() == 4);
+    CHECK_FALSE(picture.estimate().has_value());
+    CHECK(picture.film().samples().empty());
+}
+
+TEST_CASE("a picture says all of how it was sampled") {
+    auto settings = adaptive_settings();
+    settings.error = 0.5, settings.max_samples = 99, settings.filter = protocol::PixelFilter::tent;
+    const auto value = [&](const char* name) {
+        const auto attributes = picture_attributes({}, settings);
+        const auto found = std::ranges::find(attributes, name, &PictureAttribute::name);
+        return found == attributes.end() ? "missing" : found->value;
+    };
+    CHECK(value("fraja:error") == "0.5");
+    CHECK(value("fraja:max_samples") == "99");
+    CHECK(value("fraja:filter") == "tent");
+    CHECK(value("fraja:spp") == "0");
+    CHECK(settings_text(settings) ==
+          "depth 5, error 0.5 with at most 99 samples, filter tent, kernel fast");
+    settings.error = 0, settings.spp = 16, settings.filter = protocol::PixelFilter::box;
+    CHECK(settings_text(settings) == "depth 5, spp 16, kernel fast");
 }
 
 TEST_CASE("a live picture is written when something came, and not too often") {

@@ -51,3 +51,31 @@ TEST_CASE("a float picture and its metadata are the same bytes from a farm and l
     REQUIRE(farm.submit(words).exit == 0);
     CHECK((bytes_of(scratch.file("farm.exr")) == want));
 }
+
+TEST_CASE("an adaptive picture is the same bytes from a farm and locally, whatever the tiles") {
+    const Scratch scratch;
+    const auto picture = [](Words more) {
+        Words words = {scene("overlapping_spheres"), "-r", instrumented ? "24x18" : "96x72"};
+        words.insert(words.end(), more.begin(), more.end());
+        return words;
+    };
+    const std::string want = local_picture(scratch, picture({"--error", "2"}), "want.exr");
+    CHECK((local_picture(scratch, picture({"--spp", "4"}), "other.exr") != want));
+    const std::string path = scratch.file("picture.exr");
+    Farm farm;
+    farm.add_worker("one", {"-j", "1"});
+    farm.add_worker("two", {"-j", "2"});
+    for (const char* tile : {"7", "64", "96"}) {
+        CAPTURE(tile);
+        const Words words = picture({"--error", "2", "--tile", tile, "-o", path});
+        Words local = words;
+        local.emplace_back("--local");
+        for (const bool on_farm : {false, true}) {
+            const RunResult result = on_farm ? farm.submit(words) : submit(local);
+            INFO(result.err);
+            REQUIRE(result.exit == 0);
+            CHECK((bytes_of(path) == want));
+            fs::remove(path);
+        }
+    }
+}

@@ -90,12 +90,13 @@ StartTile whole_picture(Ticket ticket, const ContentHash& scene, Extent size,
 }
 
 /// What the renderer itself draws.
-RenderedTile drawn(const Bytes& text, Extent size, Kernel kernel) {
+RenderedTile drawn(const Bytes& text, const RenderSettings& settings, Kernel kernel) {
     auto scene = read_raj(as_text(text), "scene");
     REQUIRE(scene.has_value());
     RenderControl control;
-    auto tile = compile_scene(std::make_shared<const Scene>(std::move(*scene)), kernel)
-                    ->render_tile({.size = size}, {0, 0, size.width, size.height}, control);
+    auto tile =
+        compile_scene(std::make_shared<const Scene>(std::move(*scene)), kernel)
+            ->render_tile(settings, {0, 0, settings.size.width, settings.size.height}, control);
     REQUIRE(tile.has_value());
     return std::move(*tile);
 }
@@ -111,8 +112,8 @@ Bytes joined(const std::vector<Blob>& blobs) {
 
 TEST_CASE("the pool draws what the kernel draws that a tile asks for, whichever came first") {
     const Bytes text = scene_text("cone.raj");
-    const RenderedTile fast = drawn(text, {32, 24}, Kernel::fast);
-    const RenderedTile reference = drawn(text, {32, 24}, Kernel::reference);
+    const RenderedTile fast = drawn(text, {.size = {32, 24}}, Kernel::fast);
+    const RenderedTile reference = drawn(text, {.size = {32, 24}}, Kernel::reference);
     CHECK(fast.rays.box_tests + fast.rays.form_tests > 0);
     CHECK(reference.rays.form_tests == 0);
     for (const KernelChoice first : {KernelChoice::reference, KernelChoice::fast}) {
@@ -148,8 +149,8 @@ TEST_CASE("tiles that wait for another kernel are drawn in the end, unless they 
                                    ticket % 2 ? KernelChoice::fast : KernelChoice::reference));
     bench.pool.perform(session, StopTile{Ticket{3}});
     bench.pool.perform(session, ForgetScene{hash});
-    const Blob want[] = {pixel_blobs(drawn(text, {8, 6}, Kernel::reference).tile).at(0),
-                         pixel_blobs(drawn(text, {8, 6}, Kernel::fast).tile).at(0)};
+    const Blob want[] = {pixel_blobs(drawn(text, {.size = {8, 6}}, Kernel::reference).tile).at(0),
+                         pixel_blobs(drawn(text, {.size = {8, 6}}, Kernel::fast).tile).at(0)};
     std::set<std::uint64_t> finished;
     while (!std::ranges::includes(finished, std::array{1u, 2u, 4u, 5u, 6u}))
         for (const TileFinished& tile : bench.some_finished()) {
@@ -241,4 +242,44 @@ TEST_CASE("pixels travel as little-endian floats, cut every chunk") {
     CHECK(cut[0]->size() == protocol::chunk_bytes);
     CHECK(cut[1]->size() == protocol::chunk_bytes);
     CHECK(cut[2]->size() == 4);
+}
+
+TEST_CASE("samples and errors travel behind the colours") {
+    const Tile tile{{0, 0, 2, 1}, {1, 2, 3, 4, 5, 6}, {4, 16}, {0.25f, 0.5f}};
+    const float want[] = {1, 2, 3, 4, 5, 6, 4, 16, 0.25f, 0.5f};
+    const Bytes bytes = joined(pixel_blobs(tile));
+    REQUIRE(bytes.size() == sizeof(want));
+    CHECK(std::memcmp(bytes.data(), want, sizeof(want)) == 0);
+
+    Tile large{{0, 0, 1, 1}, {}};
+    large.rgb.assign(protocol::chunk_bytes / 4 - 1, 1.0f);
+    large.samples = {2, 3}, large.error = {4, 5}; // the first of them fills the chunk
+    const auto cut = pixel_blobs(large);
+    REQUIRE(cut.size() == 2);
+    CHECK(cut[0]->size() == protocol::chunk_bytes);
+    CHECK(cut[1]->size() == 12);
+}
+
+TEST_CASE("the pool draws with the samples that a tile's settings ask for") {
+    const Bytes text = scene_text("cone.raj");
+    Pool bench;
+    const ContentHash hash = bench.compile(text);
+    (void)bench.next_as<SceneCompiled>();
+    StartTile start = whole_picture(Ticket{1}, hash, {16, 12});
+    start.settings.filter = protocol::PixelFilter::tent;
+    start.settings.spp = 8;
+    bench.pool.perform(session, start);
+    const RenderSettings uniform{.size = {16, 12}, .spp = 8, .filter = Filter::tent};
+    CHECK(joined(bench.next_as<TileFinished>().blobs) ==
+          joined(pixel_blobs(drawn(text, uniform, Kernel::fast).tile)));
+    start.settings.spp = 0, start.settings.error = 2, start.settings.max_samples = 32;
+    bench.pool.perform(session, start);
+    const Tile adaptive =
+        drawn(text, {.size = {16, 12}, .error = 2, .max_samples = 32, .filter = Filter::tent},
+              Kernel::fast)
+            .tile;
+    const Bytes bytes = joined(bench.next_as<TileFinished>().blobs);
+    CHECK(bytes == joined(pixel_blobs(adaptive)));
+    CHECK(bytes.size() == start.settings.pixel_bytes() * 16 * 12);
+    CHECK(std::ranges::max(adaptive.samples) == 32);
 }

@@ -99,6 +99,19 @@ Film film_of(Extent size, PixelRect region, const std::vector<float>& rgb) {
     return film;
 }
 
+/// Likewise, with a different odd float for each pixel's samples and error.
+Film film_with_estimates(Extent size, PixelRect region) {
+    const std::size_t n = region.pixel_count();
+    const auto floats = odd_floats(5 * n);
+    const auto part = [&](std::size_t from, std::size_t count) {
+        const auto begin = floats.begin() + static_cast<std::ptrdiff_t>(from);
+        return std::vector(begin, begin + static_cast<std::ptrdiff_t>(count));
+    };
+    Film film(size, region, Film::Keeps::estimates);
+    film.place({region, part(2 * n, 3 * n), part(0, n), part(n, n)});
+    return film;
+}
+
 bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
     return std::ranges::equal(a, b, {}, std::bit_cast<std::uint32_t, float>,
                               std::bit_cast<std::uint32_t, float>);
@@ -163,6 +176,45 @@ TEST_CASE("exr holds every float to the bit with its place and its attributes") 
     }
 }
 
+TEST_CASE("exr holds each pixel's samples and error to the bit, where the film keeps them") {
+    const Folder folder;
+    const PixelRect window{10, 20, 7, 5};
+    const Film film = film_with_estimates({100, 80}, window);
+    const auto copy = [](std::span<const float> floats) {
+        return std::vector(floats.begin(), floats.end());
+    };
+    REQUIRE(write_picture(folder / "a.exr", film));
+    const auto read = read_radiance(folder / "a.exr");
+    REQUIRE(read);
+    CHECK(read->extent == Extent{100, 80});
+    CHECK(read->window == window);
+    CHECK(same_bits(read->rgb, copy(film.pixels())));
+    CHECK(same_bits(read->samples, copy(film.samples())));
+    CHECK(same_bits(read->error, copy(film.error())));
+
+    REQUIRE(write_picture(folder / "b.exr", film_of({100, 80}, window, copy(film.pixels()))));
+    const auto colours = read_radiance(folder / "b.exr");
+    REQUIRE(colours);
+    CHECK(same_bits(colours->rgb, copy(film.pixels())));
+    CHECK(colours->samples.empty());
+    CHECK(colours->error.empty());
+}
+
+TEST_CASE("8-bit formats have no room for samples and errors: they hold the same colours") {
+    const Folder folder;
+    const PixelRect window{3, 4, 6, 5};
+    const Film film = film_with_estimates({10, 10}, window);
+    const Film colours =
+        film_of({10, 10}, window, std::vector(film.pixels().begin(), film.pixels().end()));
+    for (const char* ext : {".png", ".tif", ".jpg", ".bmp", ".ppm", ".tga"}) {
+        CAPTURE(ext);
+        REQUIRE(write_picture(folder / (std::string("a") + ext), film));
+        REQUIRE(write_picture(folder / (std::string("b") + ext), colours));
+        CHECK(content(folder / (std::string("a") + ext)) ==
+              content(folder / (std::string("b") + ext)));
+    }
+}
+
 TEST_CASE("same pixels make the same bytes") {
     const Folder folder;
     const LevelsPicture picture = all_levels();
@@ -179,6 +231,10 @@ TEST_CASE("same pixels make the same bytes") {
         const std::string first = content(folder / (std::string("a") + ext));
         CHECK(first == content(folder / (std::string("other name") + ext)));
     }
+    const Film estimates = film_with_estimates({64, 12}, {0, 0, 64, 12});
+    REQUIRE(write_picture(folder / "c.exr", estimates, attributes));
+    REQUIRE(write_picture(folder / "d.exr", estimates, attributes));
+    CHECK(content(folder / "c.exr") == content(folder / "d.exr"));
 }
 
 TEST_CASE("no file tells when it was written") { // the bytes above were written in one second

@@ -22,10 +22,14 @@ void check_picture(const Scene& scene, const RenderSettings& settings) {
         CHECK(drawn.error().code == ErrorCode::unresolved_overlap);
         return;
     }
+    const Film& film = drawn->film;
     std::size_t wrong = 0;
-    for (const float component : drawn->film.pixels())
-        wrong += !std::isfinite(component) || component < 0;
+    for (const auto floats : {film.pixels(), film.samples(), film.error()})
+        for (const float component : floats)
+            wrong += !std::isfinite(component) || component < 0;
     CHECK(wrong == 0);
+    for (const float samples : film.samples())
+        CHECK((samples >= 4 && samples <= static_cast<float>(settings.max_samples)));
 }
 
 TEST_CASE("a legal scene gives a picture of numbers") {
@@ -54,6 +58,17 @@ TEST_CASE("so do absurd spheres that are many enough for a hierarchy") {
         }
         b.aggregate(members);
         check_picture(b.scene, {.size = {8, 6}, .depth = 3});
+    });
+}
+
+TEST_CASE("absurd numbers give samples and errors that are numbers") {
+    for_each_seed(400, [](Rng& rng) {
+        check_picture(hostile_scene(rng), {.size = {8, 6},
+                                           .depth = 5,
+                                           .error = rng.below(2) == 0 ? 1.0 : 1e-3,
+                                           .max_samples = 16,
+                                           .filter = rng.below(2) == 0 ? Filter::box : Filter::tent,
+                                           .exact = rng.below(4) == 0});
     });
 }
 
