@@ -20,11 +20,16 @@ double cut_component(double light, const RenderSettings& settings) {
 
 } // namespace
 
-Rgb cut_level(const World& world, const RenderSettings& settings) {
+Rgb all_light(const World& world) {
     const Rgb &a = world.ambient_light, &b = world.background_light;
     Rgb m{std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)};
     for (const Light& light : world.lights)
         m += std::visit([](const auto& source) { return source.light; }, light);
+    return m;
+}
+
+Rgb cut_level(const World& world, const RenderSettings& settings) {
+    const Rgb m = all_light(world);
     return {cut_component(m.x, settings), cut_component(m.y, settings),
             cut_component(m.z, settings)};
 }

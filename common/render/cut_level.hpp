@@ -5,6 +5,9 @@
 
 namespace fraja {
 
+/// More light than a ray can see: the brighter of ambient and background, and every light.
+[[nodiscard]] Rgb all_light(const World& world);
+
 /// Per component, the coefficient at and below which a path is given up. A component in which no
 /// light exists has an infinite one; with `exact` all are 0. Raja's; or, where a pixel may be wrong
 /// by settings.error levels, so many times twice that: what is cut then makes up a fifth of the

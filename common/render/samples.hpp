@@ -10,7 +10,8 @@
 namespace fraja {
 
 /// The work that a picture took: the sum of its tiles'. Rays and shaded hits do not depend on how
-/// the picture is cut into tiles; tests do, since what lies beside a tile is not tested.
+/// the picture is cut into tiles, but for those of the pixels beside an adaptive tile; tests do,
+/// since what lies beside a tile is not tested.
 struct RayCounts {
     /// Rays by kind. camera + reflected + refracted are those that pass step 1 of FORMAT.md 6.2
     /// (neither out of depth nor below the cut level). Shadow rays are asked for where light may
@@ -44,7 +45,8 @@ struct SampleBlock {
     std::span<const double> x, y;   ///< from the top left, 0 to 1, or somewhat beside
     std::span<double> rgb;          ///< radiance, scene-linear: three to a sample
     std::span<double> lost;         ///< likewise: the weight of rays not followed. May be empty
-    std::span<double> cut;          ///< likewise: of those below the cut level alone
+    std::span<double> cut;          ///< likewise: the light that those below the cut level may
+                                    ///< have been, at most
     std::span<std::uint64_t> paths; ///< what it met, as a number. May be empty
     std::span<std::uint32_t> rays;  ///< that were traced for it, without shadow rays
 };

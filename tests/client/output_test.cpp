@@ -250,7 +250,7 @@ TEST_CASE("an adaptive picture has its pixels' samples and errors, wherever thei
         t.rect = {2, 2, 2, 1};
         t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
                    make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
-        picture.place(t);
+        picture.place(t, 1);
         const Film& film = picture.film();
         CHECK(std::ranges::equal(film.pixels().subspan(6),
                                  std::vector{1.f, 2.f, 3.f, 4.f, 5.f, 6.f}));
@@ -265,12 +265,12 @@ TEST_CASE("what is thought of a picture is known when it is whole") {
     protocol::TileDone t;
     t.rect = {2, 1, 2, 1};
     t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 4, 16, 0.5f, 0.5f}))};
-    picture.place(t);
+    picture.place(t, 1);
     CHECK(picture.pixels_placed() == 2);
     CHECK_FALSE(picture.estimate().has_value());
     t.rect = {2, 2, 2, 1};
     t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 64, 4, 0.7f, 0.1f}))};
-    picture.place(t);
+    picture.place(t, 1);
     REQUIRE(picture.estimate().has_value());
     CHECK(picture.estimate()->samples == 22);
     CHECK(picture.estimate()->rms_error == doctest::Approx(0.5)); // not the mean, 0.45
@@ -283,7 +283,7 @@ TEST_CASE("nothing is thought of a picture whose pixels all have as many samples
     protocol::TileDone t;
     t.rect = settings.crop;
     t.blobs = {make_blob(Bytes(48))};
-    picture.place(t);
+    picture.place(t, 1);
     CHECK(picture.pixels_placed() == 4);
     CHECK_FALSE(picture.estimate().has_value());
     CHECK(picture.film().samples().empty());

@@ -44,6 +44,11 @@ public:
                          program_->overlap_message(
                              *scene_, std::span(drawn.overlapping).first(drawn.overlapping_count))};
         }
+        // From weight to the light that it may have been.
+        const Rgb light = all_light(scene_->world);
+        for (std::size_t i = 0; i < block.cut.size(); i += 3)
+            for (std::size_t c = 0; c < 3; ++c)
+                block.cut[i + c] *= light[static_cast<glm::length_t>(c)];
         const BlockCounts& n = drawn.counts;
         return DrawnBlock{.rays = {.camera = n.camera,
                                    .reflected = n.reflected,

@@ -53,6 +53,11 @@ inline void BlockTracer<has>::show_background() {
     for (std::size_t i = 0; i < 3 * std::size_t{block_.count}; i += 3)
         for (std::size_t c = 0; c < 3; ++c)
             block_.rgb[i + c] = tables_.background[c];
+    if (block_.paths == nullptr)
+        return;
+    wave_.depth = job_.depth; // as where background is found by a search
+    for (std::uint32_t i = 0; i < block_.count; ++i)
+        note_path(i, 0);
 }
 
 template <Features has>

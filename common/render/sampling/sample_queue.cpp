@@ -60,9 +60,7 @@ bool SampleQueue::draw_block() {
     }
     rays_ += drawn->rays;
     budget_spent_ = drawn->budget_spent;
-    if (drawn->skipped)
-        for (std::size_t i = 0; i < run_count_; ++i)
-            rays_.skipped_pixels += b.runs[i].first == 0;
+    skipped_ = drawn->skipped;
     return true;
 }
 

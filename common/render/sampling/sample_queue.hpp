@@ -61,8 +61,10 @@ public:
     /// From now on.
     void set_extras(SampleExtras extras) { extras_ = extras; }
     [[nodiscard]] const Error& error() const { return *error_; }
-    /// Of all that was drawn.
+    /// Of all that was drawn, but for pixels.
     [[nodiscard]] const RayCounts& rays() const { return rays_; }
+    /// For the block handed out nothing was searched for.
+    [[nodiscard]] bool skipped() const { return skipped_; }
     /// A sample of the block handed out has more than rays_per_sample_max rays.
     [[nodiscard]] bool budget_spent() const { return budget_spent_; }
 
@@ -83,7 +85,7 @@ private:
     RenderControl& control_;
     SampleExtras extras_;
     RayCounts rays_;
-    bool budget_spent_ = false;
+    bool skipped_ = false, budget_spent_ = false;
     std::optional<Error> error_;
     std::uint32_t run_count_ = 0, samples_ = 0;
     std::unique_ptr<Buffers> buffers_;

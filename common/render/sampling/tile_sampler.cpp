@@ -94,7 +94,9 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
     Losses losses(rect.pixel_count(), settings.truncation);
     SampleQueue queue(scene, settings, rect, control);
     queue.set_extras({.lost = settings.truncation});
+    std::uint64_t skipped_pixels = 0;
     const auto collect = [&](const PixelRun& run) {
+        skipped_pixels += queue.skipped() && run.first == settings.first_sample;
         double* const sum = sums[run.pixel].rgb;
         for (std::size_t i = 0; i < run.rgb.size(); i += 3)
             sum[0] += run.rgb[i], sum[1] += run.rgb[i + 1], sum[2] += run.rgb[i + 2];
@@ -126,6 +128,7 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
         for (std::size_t i = 0; i < sums.size(); ++i)
             result.truncated.push_back(as_float(losses.greatest(i) * weight));
     result.rays = queue.rays();
+    result.rays.skipped_pixels = skipped_pixels;
     result.rays.truncated_pixels = losses.budgets_spent();
     return result;
 }
@@ -170,6 +173,7 @@ private:
     std::vector<BaseSamples> base_; ///< of around_
     std::vector<PixelSamples> pixels_;
     Losses losses_;
+    std::uint64_t skipped_pixels_ = 0;
     struct Place {
         std::uint32_t column, row;
     };
@@ -184,6 +188,7 @@ bool AdaptiveTile::draw_base() {
         const std::uint32_t row = around_.y + run.pixel / around_.width;
         if (!PixelRect{column, row, 1, 1}.inside(rect_))
             return;
+        skipped_pixels_ += queue_.skipped() && run.first == 0;
         run.pixel = index_in(rect_, column, row);
         pixels_[run.pixel].add(run.rgb, run.cut);
         losses_.add(run, queue_.budget_spent());
@@ -259,6 +264,7 @@ RenderedTile AdaptiveTile::result() const {
             result.truncated.push_back(as_float(losses_.greatest(i) / pixel.count()));
     }
     result.rays = queue_.rays();
+    result.rays.skipped_pixels = skipped_pixels_;
     result.rays.truncated_pixels = losses_.budgets_spent();
     return result;
 }

@@ -64,25 +64,25 @@ TEST_CASE("samples may come one by one, and as many again, to the same mean") {
 }
 
 TEST_CASE("the error is a mean's of four, and what was told of fewer samples counts as well") {
-    const double before = judged(grey(few)).error(), alone = judged(grey(noise)).error();
+    const double before = judged(grey(few)).error(calm), alone = judged(grey(noise)).error(calm);
     CHECK(before > 0);
-    CHECK(judged(grey({0.2, 1.0, 0.4, 0.8})).error() == doctest::Approx(2 * before));
+    CHECK(judged(grey({0.2, 1.0, 0.4, 0.8})).error(calm) == doctest::Approx(2 * before));
     CHECK(alone < before);
     PixelSamples pixel = judged(grey(few));
     pixel.double_expected();
     pixel.add(grey(Values(noise.begin() + 4, noise.end())), {});
-    CHECK(pixel.error() == before); // until it is judged
+    CHECK(pixel.error(calm) == before); // until it is judged
     pixel.judge();
     const double expected_gain = std::pow(2, -1.4);
-    CHECK(pixel.error() * pixel.error() ==
+    CHECK(pixel.error(calm) * pixel.error(calm) ==
           doctest::Approx((alone * alone + expected_gain * before * before) / 2));
 }
 
 TEST_CASE("quarters whose means are equal say that there is no error, whatever is in them") {
     const PixelSamples even = judged(grey({0.2, 0.6, 0.6, 0.2, 0.2, 0.6, 0.6, 0.2}));
     const PixelSamples uneven = judged(grey({0.2, 0.2, 0.6, 0.6, 0.2, 0.2, 0.6, 0.6}));
-    CHECK(even.error() < 1e-9);
-    CHECK(uneven.error() > 0.05);
+    CHECK(even.error(calm) < 1e-9);
+    CHECK(uneven.error(calm) > 0.05);
     CHECK(even.bound(calm) > 0.01); // but it is not believed
     CHECK(even.bound(calm) < uneven.bound(calm));
 }
@@ -90,7 +90,7 @@ TEST_CASE("quarters whose means are equal say that there is no error, whatever i
 TEST_CASE("equal samples where there is nothing else have no error") {
     const PixelSamples pixel = judged(grey(Values(8, 0.1)));
     CHECK(pixel.bound(calm) < 1e-8);
-    CHECK(pixel.error() < 1e-8);
+    CHECK(pixel.error(calm) < 1e-8);
 }
 
 TEST_CASE("contrast around a pixel is what its samples may have missed, ever less of it") {
@@ -99,12 +99,12 @@ TEST_CASE("contrast around a pixel is what its samples may have missed, ever les
     CHECK(judged(grey(Values(16, 0.5))).bound(edge) == doctest::Approx(four / 8));
     BaseSamples fainter = base(grey({0.3, 0.7}), {1, 2});
     CHECK(judged(grey(Values(4, 0.5))).bound(fainter) == doctest::Approx(four / 2));
-    CHECK(judged(grey(Values(4, 0.5))).error() == 0); // nor is it known to be there
+    CHECK(judged(grey(Values(4, 0.5))).error(calm) == 0); // nor is it known to be there
 }
 
 TEST_CASE("samples that differ bound the error, in proportion") {
     const double bound = judged(grey(few)).bound(calm);
-    CHECK(bound >= judged(grey(few)).error());
+    CHECK(bound >= judged(grey(few)).error(calm));
     CHECK(judged(grey({0.2, 1.0, 0.4, 0.8})).bound(calm) == doctest::Approx(2 * bound));
     CHECK(judged({0.1, 0, 0, 0.5, 0, 0, 0.2, 0, 0, 0.4, 0, 0}).bound(calm) ==
           doctest::Approx(bound / std::sqrt(3)));
@@ -117,28 +117,29 @@ TEST_CASE("where all samples around met the same, fewer are enough") {
     CHECK(pixel.bound(one_path) < 0.7 * pixel.bound(other_paths));
     CHECK(pixel.bound(one_path) > 0);
     CHECK(judged(grey(Values(4, 0.5))).bound(one_path) < 1e-8);
+    CHECK(judged(grey(few)).error(one_path) < judged(grey(few)).error(other_paths));
 }
 
 TEST_CASE("what is surely white has no error that is seen, in its colours") {
     const PixelSamples white = judged(grey({5, 6, 5, 6}));
     const BaseSamples around = base(grey({5, 6, 5, 6}), {1, 2, 3, 4});
-    CHECK(white.error() == 0);
+    CHECK(white.error(calm) == 0);
     CHECK(white.bound(around) == 0);
     CHECK(white.bound(edge) > 0); // something dark may be in it
-    CHECK(judged(grey({0.9, 1.3, 0.9, 1.3})).error() > 0);
+    CHECK(judged(grey({0.9, 1.3, 0.9, 1.3})).error(calm) > 0);
     CHECK(judged(grey({0.2, 6, 0.2, 6})).bound(around) > 0.1); // on the average only
     const PixelSamples red = judged({5, 0.1, 0, 6, 0.5, 0, 5, 0.2, 0, 6, 0.4, 0});
-    CHECK(red.error() == judged({0, 0.1, 0, 0, 0.5, 0, 0, 0.2, 0, 0, 0.4, 0}).error());
+    CHECK(red.error(calm) == judged({0, 0.1, 0, 0, 0.5, 0, 0, 0.2, 0, 0, 0.4, 0}).error(calm));
     CHECK(red.bound(calm) == judged({0, 0.1, 0, 0, 0.5, 0, 0, 0.2, 0, 0, 0.4, 0}).bound(calm));
 }
 
 TEST_CASE("the weight of rays that were cut is an error, and no reason for more samples") {
     const Values same = grey(Values(4, 0.5));
     const Values cut = {0, 0.02, 0.01, 0, 0, 0, 0.06, 0, 0, 0, 0, 0}; // most: 0.02, 0.06
-    CHECK(judged(same, cut).error() == doctest::Approx(0.02));
+    CHECK(judged(same, cut).error(calm) == doctest::Approx(0.02));
     CHECK(judged(same, cut).bound(calm) == judged(same).bound(calm));
-    const double noisy = judged(grey(few)).error();
-    CHECK(judged(grey(few), cut).error() == doctest::Approx(std::hypot(noisy, 0.02)));
+    const double noisy = judged(grey(few)).error(calm);
+    CHECK(judged(grey(few), cut).error(calm) == doctest::Approx(std::hypot(noisy, 0.02)));
 }
 
 TEST_CASE("first samples have a contrast: of all colours that are not white throughout") {
