@@ -79,3 +79,37 @@ TEST_CASE("an adaptive picture is the same bytes from a farm and locally, whatev
         }
     }
 }
+
+TEST_CASE("the same passes are the same bytes, and a time limit ends a job that never would") {
+    const Scratch scratch;
+    const auto picture = [](Words more) {
+        Words words = {scene("overlapping_spheres"), "-r", instrumented ? "24x18" : "96x72"};
+        words.insert(words.end(), more.begin(), more.end());
+        return words;
+    };
+    // Time enough for all samples that there may be.
+    const Words all = {"--time-limit", "10m", "--max-samples", "12"};
+    const std::string want = local_picture(scratch, picture(all), "want.exr");
+    Farm farm;
+    farm.add_worker("one", {"-j", "1"});
+    farm.add_worker("two", {"-j", "2"});
+    const std::string path = scratch.file("picture.exr");
+    for (const char* tile : {"7", "96"}) {
+        CAPTURE(tile);
+        Words words = picture(all);
+        for (const char* word : {"--tile", tile, "-o", path.c_str()})
+            words.emplace_back(word);
+        const RunResult result = farm.submit(words);
+        INFO(result.err);
+        REQUIRE(result.exit == 0);
+        CHECK((bytes_of(path) == want));
+    }
+    // 65,536 samples of deep glass would take hours.
+    const RunResult result = farm.submit(picture(
+        {"-d", "500", "--time-limit", "300ms", "--max-samples", "65536", "--json", "-o", path}));
+    INFO(result.err);
+    REQUIRE(result.exit == 0);
+    CHECK(result.out.find("\"state\":\"done\"") != std::string::npos);
+    CHECK(result.out.find("\"samples_per_pixel\":") != std::string::npos);
+    CHECK((bytes_of(path) != want));
+}
