@@ -19,7 +19,7 @@ std::string described(const Job& job) {
 }
 
 std::uint32_t tile_side(const SubmitJob& s) {
-    return s.tile_side > 0 ? s.tile_side : automatic_tile_side(s.settings.crop);
+    return s.tile_side > 0 ? s.tile_side : automatic_tile_side(s.settings);
 }
 
 } // namespace

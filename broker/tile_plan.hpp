@@ -10,8 +10,8 @@
 namespace fraja::broker {
 
 /// The side used where the client leaves the choice: about 256 tiles, 8 to 64 pixels, a multiple
-/// of 8.
-[[nodiscard]] std::uint32_t automatic_tile_side(PixelRect crop);
+/// of 8; of adaptive pictures, whose tiles draw the pixels around them, too, 32 at least.
+[[nodiscard]] std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings);
 
 /// Cuts `crop` into squares of `side` pixels (less at the right and the bottom), each pixel in
 /// exactly one, in the order in which they are to be handed out. `side` must not be 0.

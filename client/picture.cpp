@@ -49,7 +49,7 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
         return std::vector<float>(begin, from);
     };
     Tile tile{.rect = done.rect, .rgb = next(3 * pixels)};
-    if (settings.error > 0) {
+    if (settings.estimates()) {
         tile.samples = next(pixels);
         tile.error = next(pixels);
     } else if (settings.limited_in_time()) {
@@ -71,7 +71,7 @@ PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t tile
 Picture::Picture(const protocol::PictureSettings& settings)
     : settings_(settings),
       film_(settings.size, settings.limited_in_time() ? PixelRect{} : settings.crop,
-            settings.error > 0 ? Film::Keeps::estimates : Film::Keeps::colours) {}
+            settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
 
 void Picture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
     if (tile.pass == 0)

@@ -53,10 +53,12 @@ struct PictureSettings {
     }
     /// It is drawn in passes over all of it (passes.hpp).
     [[nodiscard]] bool limited_in_time() const { return time_limit > Duration::zero(); }
-    /// Of a pixel, as it travels: 32-bit floats. Red, green, blue; of an adaptive picture samples
-    /// and error; of a pass the mean of the samples' squares.
+    /// Each pixel comes with its samples and its error.
+    [[nodiscard]] bool estimates() const { return error > 0 || spp >= 4; }
+    /// Of a pixel, as it travels: 32-bit floats. Red, green, blue; of a picture with estimates
+    /// samples and error; of a pass the mean of the samples' squares.
     [[nodiscard]] std::uint64_t pixel_bytes() const {
-        return 4 * (error > 0 ? 5 : limited_in_time() ? 4 : 3);
+        return 4 * (estimates() ? 5 : limited_in_time() ? 4 : 3);
     }
 };
 

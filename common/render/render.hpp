@@ -43,6 +43,8 @@ struct RenderSettings {
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
     [[nodiscard]] bool adaptive() const { return error > 0; }
     [[nodiscard]] bool low_discrepancy() const { return spp > 0 || adaptive(); }
+    /// Each pixel comes with its samples and its error: where there are 4 to judge by.
+    [[nodiscard]] bool estimates() const { return adaptive() || (spp >= 4 && !squares); }
     /// Of all pixels alike, where it is not adaptive.
     [[nodiscard]] std::uint64_t samples_per_pixel() const {
         return spp > 0 ? spp : aa > 0 ? std::uint64_t{aa} * aa : 1;
@@ -50,7 +52,7 @@ struct RenderSettings {
 };
 
 struct RenderedTile {
-    Tile tile; ///< of an adaptive picture with its pixels' samples and errors
+    Tile tile; ///< with its pixels' samples and errors, if settings.estimates()
     RayCounts rays = {};
     /// Of each pixel, if settings.truncation asks for it, the weight (of the colour that has the
     /// most) of the rays that were not followed: below the cut level, out of depth, beyond the

@@ -60,7 +60,15 @@ TEST_CASE("the spiral starts in the middle and ends at the border") {
 }
 
 TEST_CASE("the automatic side stays within its bounds") {
-    CHECK(automatic_tile_side({0, 0, 640, 480}) == 32);
-    CHECK(automatic_tile_side({0, 0, 1, 1}) == 8);
-    CHECK(automatic_tile_side({0, 0, 60'000, 4'000}) == 64);
+    protocol::PictureSettings settings;
+    const auto side = [&](std::uint32_t width, std::uint32_t height) {
+        settings.crop = {0, 0, width, height};
+        return automatic_tile_side(settings);
+    };
+    CHECK(side(640, 480) == 32);
+    CHECK(side(1, 1) == 8);
+    CHECK(side(60'000, 4'000) == 64);
+    settings.error = 1; // small tiles would draw as much around them as in them
+    CHECK(side(1, 1) == 32);
+    CHECK(side(60'000, 4'000) == 64);
 }

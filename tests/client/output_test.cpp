@@ -276,9 +276,9 @@ TEST_CASE("what is thought of a picture is known when it is whole") {
     CHECK(picture.estimate()->rms_error == doctest::Approx(0.5)); // not the mean, 0.45
 }
 
-TEST_CASE("nothing is thought of a picture whose pixels all have as many samples") {
+TEST_CASE("nothing is thought of a regular grid, nor of three samples") {
     auto settings = adaptive_settings();
-    settings.error = 0, settings.spp = 64;
+    settings.error = 0, settings.aa = 8;
     Picture picture(settings);
     protocol::TileDone t;
     t.rect = settings.crop;

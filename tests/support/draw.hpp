@@ -25,7 +25,7 @@ struct Drawn {
 /// particular order, is the result.
 [[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene, const RenderSettings& settings,
                                         PixelRect region, unsigned threads = 2) {
-    const auto keeps = settings.adaptive() ? Film::Keeps::estimates : Film::Keeps::colours;
+    const auto keeps = settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours;
     Drawn drawn{Film(settings.size, region, keeps), {}, {}};
     if (settings.truncation)
         drawn.truncated.resize(region.pixel_count());

@@ -91,9 +91,12 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
     };
     std::vector<Sum> sums(rect.pixel_count());
     std::vector<double> squares(settings.squares ? rect.pixel_count() : 0);
+    const bool estimates = settings.estimates() && settings.depth > 0;
+    std::vector<PixelSamples> judged(estimates ? rect.pixel_count() : 0,
+                                     PixelSamples(settings.spp));
     Losses losses(rect.pixel_count(), settings.truncation);
     SampleQueue queue(scene, settings, rect, control);
-    queue.set_extras({.lost = settings.truncation});
+    queue.set_extras({.lost = settings.truncation, .cut = settings.estimates()});
     std::uint64_t skipped_pixels = 0;
     const auto collect = [&](const PixelRun& run) {
         skipped_pixels += queue.skipped() && run.first == settings.first_sample;
@@ -103,6 +106,8 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
         if (settings.squares)
             for (const double component : run.rgb)
                 squares[run.pixel] += component * component;
+        if (estimates)
+            judged[run.pixel].add(run.rgb, run.cut);
         losses.add(run, queue.budget_spent());
     };
     const std::uint64_t per_pixel = settings.depth == 0 ? 1 : settings.samples_per_pixel();
@@ -124,6 +129,16 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
             *to++ = as_float(component * weight);
     for (const double sum : squares)
         result.tile.squares.push_back(as_float(sum * weight / 3));
+    if (settings.estimates()) {
+        result.tile.samples.assign(sums.size(), static_cast<float>(settings.spp));
+        result.tile.error.assign(sums.size(), 0.0F);
+    }
+    BaseSamples unknown; // what is around
+    unknown.one_path = false;
+    for (std::size_t i = 0; i < judged.size(); ++i) {
+        judged[i].judge();
+        result.tile.error[i] = as_float(judged[i].error(unknown));
+    }
     if (settings.truncation)
         for (std::size_t i = 0; i < sums.size(); ++i)
             result.truncated.push_back(as_float(losses.greatest(i) * weight));

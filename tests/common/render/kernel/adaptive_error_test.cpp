@@ -111,6 +111,33 @@ TEST_CASE("background alone, or one plain surface in the light, needs hardly mor
     CHECK(sum(lit.samples()) <= 4.5 * 64 * 48);
 }
 
+TEST_CASE("pixels that all have as many samples tell their error, too") {
+    const auto drawn_by = compiled(edges());
+    const Film truth =
+        draw(*drawn_by, {.size = edges_size, .depth = 8, .spp = true_spp}).value().film;
+    for (const std::uint32_t spp : {4u, 6u, 64u}) {
+        CAPTURE(spp);
+        const Film film =
+            draw(*drawn_by, {.size = edges_size, .depth = 8, .spp = spp}).value().film;
+        REQUIRE(film.error().size() == edges_size.pixel_count());
+        CHECK(std::ranges::all_of(film.samples(),
+                                  [&](float n) { return n == static_cast<float>(spp); }));
+        double is_2 = 0, told_2 = 0;
+        for (std::size_t i = 0; i < film.error().size(); ++i) {
+            told_2 += double{film.error()[i]} * double{film.error()[i]};
+            for (std::size_t c = 0; c < 3; ++c) {
+                const double off =
+                    double{film.pixels()[3 * i + c]} - double{truth.pixels()[3 * i + c]};
+                is_2 += off * off / 3;
+            }
+        }
+        CHECK(told_2 < 4 * is_2);
+        CHECK(told_2 > is_2 / 4);
+    }
+    CHECK(draw(*drawn_by, {.size = edges_size, .spp = 3}).value().film.error().empty());
+    CHECK(draw(*drawn_by, {.size = edges_size, .aa = 2}).value().film.error().empty());
+}
+
 TEST_CASE("the cut level follows the error that is asked for") {
     const World world = edges().world;
     const Rgb raja = cut_level(world, {});
