@@ -79,17 +79,6 @@ struct Measured {
     std::uint64_t hash = 0;
 };
 
-constexpr std::uint32_t tile_side = 32;
-
-std::vector<PixelRect> tiles_of(Extent size) {
-    std::vector<PixelRect> tiles;
-    for (std::uint32_t y = 0; y < size.height; y += tile_side)
-        for (std::uint32_t x = 0; x < size.width; x += tile_side)
-            tiles.push_back(
-                {x, y, std::min(tile_side, size.width - x), std::min(tile_side, size.height - y)});
-    return tiles;
-}
-
 /// One run, in tiles as a worker's threads draw them; cycles are those of all threads.
 Measured measure_once(double clock_rate, const CompiledScene& scene, const Options& o) {
     const std::vector<PixelRect> tiles = tiles_of(o.settings.size);

@@ -1,6 +1,8 @@
 // What the benchmarks measure with.
 #pragma once
 
+#include "common/base/pixel_rect.hpp"
+
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
@@ -11,12 +13,24 @@
 #include <sys/ioctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
+#include <vector>
 
 namespace fraja {
 
 [[noreturn]] inline void fail(const std::string& why) {
     std::fprintf(stderr, "%s\n", why.c_str());
     std::exit(2);
+}
+
+/// A picture in tiles, as the benchmarks draw it.
+[[nodiscard]] inline std::vector<PixelRect> tiles_of(Extent size) {
+    constexpr std::uint32_t side = 32;
+    std::vector<PixelRect> tiles;
+    for (std::uint32_t y = 0; y < size.height; y += side)
+        for (std::uint32_t x = 0; x < size.width; x += side)
+            tiles.push_back(
+                {x, y, std::min(side, size.width - x), std::min(side, size.height - y)});
+    return tiles;
 }
 
 /// This thread's time in user mode.

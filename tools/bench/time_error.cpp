@@ -64,17 +64,6 @@ Options parse(int argc, char** argv) {
     return o;
 }
 
-constexpr std::uint32_t tile_side = 32;
-
-std::vector<PixelRect> tiles_of(Extent size) {
-    std::vector<PixelRect> tiles;
-    for (std::uint32_t y = 0; y < size.height; y += tile_side)
-        for (std::uint32_t x = 0; x < size.width; x += tile_side)
-            tiles.push_back(
-                {x, y, std::min(tile_side, size.width - x), std::min(tile_side, size.height - y)});
-    return tiles;
-}
-
 using DrawTile = std::function<RenderedTile(PixelRect, RenderControl&)>;
 
 struct Drawn {
