@@ -112,8 +112,7 @@ std::vector<Cell> ordered(Grid grid, protocol::TileOrder order) {
 
 std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings) {
     const double side = std::sqrt(static_cast<double>(settings.crop.pixel_count()) / 256);
-    return std::clamp(static_cast<std::uint32_t>(side) / 8 * 8, settings.error > 0 ? 32u : 8u,
-                      64u);
+    return std::clamp(static_cast<std::uint32_t>(side) / 8 * 8, settings.error > 0 ? 32u : 8u, 64u);
 }
 
 std::uint64_t tile_count(PixelRect crop, std::uint32_t side) {
