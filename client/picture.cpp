@@ -70,7 +70,7 @@ PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t tile
 
 Picture::Picture(const protocol::PictureSettings& settings)
     : settings_(settings),
-      film_(settings.size, settings.limited_in_time() ? PixelRect{} : settings.crop,
+      film_(settings.size, settings.crop,
             settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
 
 void Picture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
@@ -78,8 +78,10 @@ void Picture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
         pixels_placed_ += tile.rect.pixel_count();
     if (!settings_.limited_in_time())
         return film_.place(tile_of(tile, settings_));
-    if (!passes_)
+    if (!passes_) {
         passes_.emplace(pass_film(settings_, tile_count));
+        film_ = Film(settings_.size, {}); // not needed any more
+    }
     passes_->place(tile.pass, tile_of(tile, settings_));
 }
 

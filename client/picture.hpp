@@ -44,7 +44,7 @@ public:
 private:
     protocol::PictureSettings settings_;
     Film film_;
-    std::optional<PassFilm> passes_; ///< instead of it, of a picture with a time limit
+    std::optional<PassFilm> passes_; ///< instead of it, from the first tile of a pass on
     std::uint64_t pixels_placed_ = 0;
 };
 

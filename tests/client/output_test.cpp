@@ -289,6 +289,14 @@ TEST_CASE("nothing is thought of a regular grid, nor of three samples") {
     CHECK(picture.film().samples().empty());
 }
 
+TEST_CASE("a picture with a time limit is black until there is a tile of it") {
+    auto settings = adaptive_settings();
+    settings.error = 0, settings.time_limit = std::chrono::seconds(1);
+    const Picture picture(settings);
+    CHECK(picture.film().region() == settings.crop);
+    CHECK(std::ranges::max(picture.film().pixels()) == 0);
+}
+
 TEST_CASE("a picture says all of how it was sampled") {
     auto settings = adaptive_settings();
     settings.error = 0.5, settings.max_samples = 99, settings.filter = protocol::PixelFilter::tent;
