@@ -43,6 +43,11 @@ bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
     return next.elapsed >= last.elapsed;
 }
 
+/// As a job that is done has; but when its time is up, it is done with what there is.
+bool has_all_tiles(const protocol::JobState& state) {
+    return state.phase == protocol::JobPhase::done && !state.settings.limited_in_time();
+}
+
 std::uint32_t tiles_per_repair(const protocol::JobState& state) {
     const std::uint64_t pixels = state.settings.crop.pixel_count();
     const std::uint64_t tile_bytes =
@@ -178,9 +183,7 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     repair_ends_ = Instant::never();
     const bool all_told = done.remaining_count == 0;
     caught_up_ = caught_up_ || all_told;
-    const bool whole =
-        done.state.phase == protocol::JobPhase::done && !state_.settings.limited_in_time();
-    if (all_told && is_over(done.state.phase) && !whole)
+    if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state))
         complete_ = true; // failed, cancelled, out of time: there is no more
     else if (!is_over(done.state.phase) && is_over(state_.phase))
         repair_wanted_ = now; // it was answered before the end
@@ -259,10 +262,7 @@ void Follower::ask_if_due(Instant now, std::vector<Action>& actions) {
 void Follower::look_whether_complete() {
     if (!is_over(state_.phase))
         return;
-    // When its time is up, a job is done with what there is.
-    const bool done =
-        state_.phase == protocol::JobPhase::done && !state_.settings.limited_in_time();
-    if (have_count_ >= (done ? state_.tile_count : state_.done_count))
+    if (have_count_ >= (has_all_tiles(state_) ? state_.tile_count : state_.done_count))
         complete_ = true;
 }
 

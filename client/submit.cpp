@@ -90,6 +90,7 @@ public:
     SubmitProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console) {
         report_.started = std::chrono::system_clock::now();
+        started_ = net::now();
         report_.job_name = options.job_name;
         report_.scene_file = options.scene_file;
         report_.settings = options.settings;
@@ -286,10 +287,7 @@ private:
                    report_.job.done_count, report_.workers);
     }
 
-    [[nodiscard]] Duration since_start() const {
-        return std::chrono::duration_cast<Duration>(std::chrono::system_clock::now() -
-                                                    report_.started);
-    }
+    [[nodiscard]] Duration since_start() const { return net::now() - started_; }
 
     int end(std::string state, Outcome outcome) {
         report_.state = std::move(state);
@@ -305,6 +303,7 @@ private:
     Console console_;
     SceneFile scene_;
     SubmissionReport report_;
+    Instant started_{}; // by a clock that nobody sets
 };
 
 } // namespace

@@ -4,7 +4,6 @@
 // and per sample of the fast kernel (and, with --reference, of the reference, and their ratio),
 // with a hash of the picture. Cycles are the processor's own counter's where it can be read, else
 // nanoseconds times the clock rate measured by a chain of additions.
-#include "common/base/text.hpp"
 #include "common/render/kernel/render.hpp"
 #include "common/render/render.hpp"
 #include "common/scene/raj_reader.hpp"
@@ -33,30 +32,21 @@ struct Options {
 
 Options parse(int argc, char** argv) {
     Options o;
-    const auto count = [](const char* text) {
-        const auto n = parse_count(text ? text : "");
-        if (!n)
-            fail(std::string("not a number: ") + (text ? text : "nothing"));
-        return *n;
-    };
     for (int i = 1; i < argc; ++i) {
         const std::string word = argv[i];
         if (word == "--reference")
             o.reference = true;
         else if (word == "--repeat")
-            o.repeat = count(argv[++i]);
+            o.repeat = count_of(argv[++i]);
         else if (word == "-j")
-            o.threads = count(argv[++i]);
+            o.threads = count_of(argv[++i]);
         else if (word == "-d")
-            o.settings.depth = static_cast<std::uint32_t>(count(argv[++i]));
+            o.settings.depth = count_of(argv[++i]);
         else if (word == "-a")
-            o.settings.aa = static_cast<std::uint32_t>(count(argv[++i]));
-        else if (word == "-r") {
-            const auto size = parse_extent(argv[++i] ? argv[i] : "");
-            if (!size)
-                fail("-r takes WxH");
-            o.settings.size = *size;
-        } else if (word.starts_with("-"))
+            o.settings.aa = count_of(argv[++i]);
+        else if (word == "-r")
+            o.settings.size = extent_of(argv[++i]);
+        else if (word.starts_with("-"))
             fail("what is " + word + "?");
         else
             o.scenes.push_back(word);

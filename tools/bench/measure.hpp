@@ -2,6 +2,7 @@
 #pragma once
 
 #include "common/base/pixel_rect.hpp"
+#include "common/base/text.hpp"
 
 #include <algorithm>
 #include <cstdint>
@@ -20,6 +21,20 @@ namespace fraja {
 [[noreturn]] inline void fail(const std::string& why) {
     std::fprintf(stderr, "%s\n", why.c_str());
     std::exit(2);
+}
+
+/// An option's number or size; null: it is missing.
+[[nodiscard]] inline std::uint32_t count_of(const char* text) {
+    const auto n = parse_count(text ? text : "");
+    if (!n || *n > UINT32_MAX)
+        fail(std::string("not a number: ") + (text ? text : "nothing"));
+    return static_cast<std::uint32_t>(*n);
+}
+[[nodiscard]] inline Extent extent_of(const char* text) {
+    const auto extent = parse_extent(text ? text : "");
+    if (!extent)
+        fail("-r takes WxH");
+    return *extent;
 }
 
 /// A picture in tiles, as the benchmarks draw it.

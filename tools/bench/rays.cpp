@@ -176,10 +176,7 @@ int run(int argc, char** argv) {
                 fail("--repeat takes a number");
             repeat = *n;
         } else if (word == "-r") {
-            const auto extent = parse_extent(argv[++i] ? argv[i] : "");
-            if (!extent)
-                fail("-r takes WxH");
-            size = *extent;
+            size = extent_of(argv[++i]);
         } else if (word.starts_with("-")) {
             fail("what is " + word + "?");
         } else {

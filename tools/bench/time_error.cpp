@@ -5,7 +5,6 @@
 // truth is the mean of two pictures of N/2 samples per pixel (4096 in all), exact, with other
 // samples than any that is judged; how far these lie apart is told on stderr. Errors are those of
 // colours limited to 0..1, as a screen shows them.
-#include "common/base/text.hpp"
 #include "common/image/film.hpp"
 #include "common/image/quantise.hpp"
 #include "common/scene/raj_reader.hpp"
@@ -34,26 +33,17 @@ struct Options {
 Options parse(int argc, char** argv) {
     Options o;
     std::vector<std::string> words;
-    const auto count = [](const char* text) {
-        const auto n = parse_count(text ? text : "");
-        if (!n || *n > UINT32_MAX)
-            fail(std::string("not a number: ") + (text ? text : "nothing"));
-        return static_cast<std::uint32_t>(*n);
-    };
     for (int i = 1; i < argc; ++i) {
         const std::string word = argv[i];
         if (word == "--quick")
             o.quick = true;
         else if (word == "-d")
-            o.settings.depth = count(argv[++i]);
+            o.settings.depth = count_of(argv[++i]);
         else if (word == "--spp")
-            o.truth_spp = count(argv[++i]);
-        else if (word == "-r") {
-            const auto size = parse_extent(argv[++i] ? argv[i] : "");
-            if (!size)
-                fail("-r takes WxH");
-            o.settings.size = *size;
-        } else if (word.starts_with("-"))
+            o.truth_spp = count_of(argv[++i]);
+        else if (word == "-r")
+            o.settings.size = extent_of(argv[++i]);
+        else if (word.starts_with("-"))
             fail("what is " + word + "?");
         else
             words.push_back(word);

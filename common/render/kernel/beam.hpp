@@ -63,9 +63,8 @@ private:
     }
 };
 
-/// The rays through a rectangle of the screen, all of which is 0 to 1 both ways (its edges are
-/// part of it); false where
-/// nothing useful is known of them: they spread too far, or start at two eyes.
+/// The rays through a rectangle of the screen, all of which is 0 to 1 both ways (its edges are part
+/// of it); false where nothing useful is known of them: they spread too far, or start at two eyes.
 inline bool beam_through(const CameraTable& camera, const double (&across)[2],
                          const double (&down)[2], Beam& beam) {
     if (camera.stereo && across[0] < 0.5 && across[1] >= 0.5)

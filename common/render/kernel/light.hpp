@@ -1,6 +1,7 @@
 // The light that a wave's hits send back, and the rays they send on. FORMAT.md, section 6.
 #pragma once
 
+#include "common/base/rng.hpp"
 #include "common/render/kernel/tracer.hpp"
 
 #include <algorithm>
@@ -143,13 +144,6 @@ inline void BlockTracer<has>::add_light(std::size_t groups) {
     }
 }
 
-/// S. Vigna's splitmix64: no bit is without effect.
-inline std::uint64_t mixed_bits(std::uint64_t bits) {
-    bits = (bits ^ (bits >> 30)) * 0xbf58476d1ce4e5b9;
-    bits = (bits ^ (bits >> 27)) * 0x94d049bb133111eb;
-    return bits ^ (bits >> 31);
-}
-
 /// What was hit, in which field of a chequer, and which lights light it.
 template <Features has>
 inline void BlockTracer<has>::note_paths(const Incidence& at) {
@@ -163,8 +157,9 @@ inline void BlockTracer<has>::note_paths(const Incidence& at) {
         std::uint64_t what = 2 * static_cast<std::uint64_t>(at.owner[lane]) + at.group.leaving;
         what ^= static_cast<std::uint64_t>(at.path[lane]);
         if (chequered)
-            what = mixed_bits(mixed_bits(what + std::bit_cast<std::uint64_t>(i[lane])) +
-                              std::bit_cast<std::uint64_t>(j[lane]));
+            what = Rng(Rng(what + std::bit_cast<std::uint64_t>(i[lane])).next() +
+                       std::bit_cast<std::uint64_t>(j[lane]))
+                       .next();
         note_path(wave_.rays.samples()[at.group.index[lane]], what + 1);
     }
 }
@@ -172,7 +167,7 @@ inline void BlockTracer<has>::note_paths(const Incidence& at) {
 /// Adds to a sample's path; what it is made of may be added in any order.
 template <Features has>
 inline void BlockTracer<has>::note_path(std::uint32_t sample, std::uint64_t what) {
-    block_.paths[sample] += mixed_bits(what + wave_.depth * 0x9e3779b97f4a7c15);
+    block_.paths[sample] += Rng(what + wave_.depth * 0x9e3779b97f4a7c15).next();
 }
 
 /// Has the walker look at what may stand between a batch and a light; whether there is anything.

@@ -32,8 +32,8 @@ class PixelSamples {
 public:
     explicit PixelSamples(std::uint32_t expected = base_samples) : expected_(expected) {}
 
-    /// The next of the samples expected. `cut`: the weight of rays below the cut level; may be
-    /// empty.
+    /// The next of the samples expected. `cut`: the light that rays below the cut level may have
+    /// been; may be empty.
     void add(std::span<const double> rgb, std::span<const double> cut);
     /// As many again are expected.
     void double_expected();

@@ -1,5 +1,7 @@
 #include "common/render/sampling/owen_sobol.hpp"
 
+#include "common/base/rng.hpp"
+
 #include <array>
 
 namespace fraja {
@@ -52,11 +54,8 @@ constexpr double as_fraction(std::uint32_t bits) {
 
 } // namespace
 
-std::uint32_t mixed(std::uint64_t key) { // S. Vigna's splitmix64
-    key += 0x9e3779b97f4a7c15;
-    key = (key ^ (key >> 30)) * 0xbf58476d1ce4e5b9;
-    key = (key ^ (key >> 27)) * 0x94d049bb133111eb;
-    return static_cast<std::uint32_t>(key ^ (key >> 31));
+std::uint32_t mixed(std::uint64_t key) {
+    return static_cast<std::uint32_t>(Rng(key).next());
 }
 
 OwenSobol::OwenSobol(std::uint32_t seed)

@@ -148,8 +148,7 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
     return result;
 }
 
-// ------------------------------------------------------------------------------ as many as it
-// needs
+// ----------------------------------------------------------------------------- as many as needed
 
 namespace {
 
@@ -167,7 +166,8 @@ public:
                  RenderControl& control)
         : settings_(settings), rect_(rect), around_(with_halo(rect, settings.size)),
           queue_(scene, settings, around_, control), base_(around_.pixel_count()),
-          pixels_(rect.pixel_count()), losses_(rect.pixel_count(), settings.truncation) {}
+          base_around_pixel_(rect.pixel_count()), pixels_(rect.pixel_count()),
+          losses_(rect.pixel_count(), settings.truncation) {}
 
     Result<RenderedTile> draw() {
         if (!draw_base() || !refine())
@@ -178,7 +178,7 @@ public:
 private:
     [[nodiscard]] bool draw_base();
     [[nodiscard]] bool refine();
-    [[nodiscard]] bool enough(std::uint32_t column, std::uint32_t row);
+    [[nodiscard]] bool enough(std::uint32_t pixel);
     [[nodiscard]] BaseSamples base_around(std::uint32_t column, std::uint32_t row) const;
     [[nodiscard]] RenderedTile result() const;
 
@@ -186,13 +186,14 @@ private:
     PixelRect rect_, around_;
     SampleQueue queue_;
     std::vector<BaseSamples> base_; ///< of around_
+    std::vector<BaseSamples> base_around_pixel_;
     std::vector<PixelSamples> pixels_;
     Losses losses_;
     std::uint64_t skipped_pixels_ = 0;
-    struct Place {
-        std::uint32_t column, row;
+    struct Waiting {
+        std::uint32_t pixel, column, row;
     };
-    std::vector<Place> waiting_; ///< for more samples
+    std::vector<Waiting> waiting_; ///< for more samples
 };
 
 bool AdaptiveTile::draw_base() {
@@ -219,8 +220,10 @@ bool AdaptiveTile::draw_base() {
     if (!drawn)
         return false;
     for_each_pixel(rect_, [&](std::uint32_t column, std::uint32_t row) {
-        if (!enough(column, row))
-            waiting_.push_back({column, row});
+        const std::uint32_t pixel = index_in(rect_, column, row);
+        base_around_pixel_[pixel] = base_around(column, row);
+        if (!enough(pixel))
+            waiting_.push_back({pixel, column, row});
         return true;
     });
     return true;
@@ -234,25 +237,24 @@ bool AdaptiveTile::refine() {
         losses_.add(run, queue_.budget_spent());
     };
     while (!waiting_.empty()) {
-        for (const auto [column, row] : waiting_) {
-            const std::uint32_t index = index_in(rect_, column, row);
-            const std::uint32_t count = pixels_[index].count();
-            pixels_[index].double_expected();
-            if (!queue_.add(index, column, row, count, count, collect))
+        for (const auto [pixel, column, row] : waiting_) {
+            const std::uint32_t count = pixels_[pixel].count();
+            pixels_[pixel].double_expected();
+            if (!queue_.add(pixel, column, row, count, count, collect))
                 return false;
         }
         if (!queue_.draw(collect))
             return false;
-        std::erase_if(waiting_, [&](const Place& at) { return enough(at.column, at.row); });
+        std::erase_if(waiting_, [&](const Waiting& at) { return enough(at.pixel); });
     }
     return true;
 }
 
-bool AdaptiveTile::enough(std::uint32_t column, std::uint32_t row) {
-    PixelSamples& pixel = pixels_[index_in(rect_, column, row)];
+bool AdaptiveTile::enough(std::uint32_t index) {
+    PixelSamples& pixel = pixels_[index];
     pixel.judge();
     return pixel.count() > settings_.max_samples / 2 ||
-           pixel.bound(base_around(column, row)) <= settings_.error / levels_per_unit;
+           pixel.bound(base_around_pixel_[index]) <= settings_.error / levels_per_unit;
 }
 
 BaseSamples AdaptiveTile::base_around(std::uint32_t column, std::uint32_t row) const {
@@ -268,13 +270,10 @@ RenderedTile AdaptiveTile::result() const {
     RenderedTile result{.tile = {.rect = rect_, .rgb = {}}};
     for (std::size_t i = 0; i < pixels_.size(); ++i) {
         const PixelSamples& pixel = pixels_[i];
-        const auto column = static_cast<std::uint32_t>(i % rect_.width);
-        const auto row = static_cast<std::uint32_t>(i / rect_.width);
         for (const double component : pixel.mean())
             result.tile.rgb.push_back(as_float(component));
         result.tile.samples.push_back(static_cast<float>(pixel.count()));
-        result.tile.error.push_back(
-            as_float(pixel.error(base_around(rect_.x + column, rect_.y + row))));
+        result.tile.error.push_back(as_float(pixel.error(base_around_pixel_[i])));
         if (settings_.truncation)
             result.truncated.push_back(as_float(losses_.greatest(i) / pixel.count()));
     }
