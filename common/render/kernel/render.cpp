@@ -49,18 +49,8 @@ public:
         for (std::size_t i = 0; i < block.cut.size(); i += 3)
             for (std::size_t c = 0; c < 3; ++c)
                 block.cut[i + c] *= light[static_cast<glm::length_t>(c)];
-        const BlockCounts& n = drawn.counts;
-        return DrawnBlock{.rays = {.camera = n.camera,
-                                   .reflected = n.reflected,
-                                   .refracted = n.refracted,
-                                   .shadow = n.shadow,
-                                   .box_tests = n.box_tests,
-                                   .form_tests = n.form_tests,
-                                   .shaded = n.shaded,
-                                   .skipped_pixels = 0,
-                                   .truncated_pixels = 0},
-                          .skipped = drawn.skipped,
-                          .budget_spent = drawn.budget_spent};
+        return DrawnBlock{
+            .rays = drawn.counts, .skipped = drawn.skipped, .budget_spent = drawn.budget_spent};
     }
 
 private:

@@ -4,6 +4,7 @@
 // Tables::center, so that a small scene far from the world's origin keeps its digits.
 #pragma once
 
+#include "common/render/ray_counts.hpp"
 #include "common/render/sample_limits.hpp"
 
 #include <cstddef>
@@ -199,12 +200,6 @@ struct Block {
     std::uint32_t* rays;  ///< that it took
 };
 
-struct BlockCounts {
-    std::uint64_t camera = 0, reflected = 0, refracted = 0, shadow = 0;
-    std::uint64_t box_tests = 0, form_tests = 0; ///< per ray
-    std::uint64_t shaded = 0;
-};
-
 /// What the kernel asks of and tells its owner while it works.
 struct DrawControl {
     void* owner;
@@ -218,7 +213,7 @@ inline constexpr std::size_t overlapping_max = 64;
 
 struct BlockResult {
     BlockEnd end = BlockEnd::drawn;
-    BlockCounts counts;
+    RayCounts counts;          ///< but for pixels
     bool skipped = false;      ///< nothing was searched for: background, or one plane
     bool budget_spent = false; ///< a sample needs more than rays_per_sample_max
     /// Leaves that a ray was in, of which none displaces all others; the first ones, if many.
