@@ -111,8 +111,11 @@ std::vector<Cell> ordered(Grid grid, protocol::TileOrder order) {
 } // namespace
 
 std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings) {
-    const double side = std::sqrt(static_cast<double>(settings.crop.pixel_count()) / 256);
-    return std::clamp(static_cast<std::uint32_t>(side) / 8 * 8, settings.error > 0 ? 32u : 8u, 64u);
+    const double even = std::sqrt(static_cast<double>(settings.crop.pixel_count()) / 256);
+    const std::uint32_t side = std::clamp(static_cast<std::uint32_t>(even) / 8 * 8, 8u, 64u);
+    if (settings.error > 0 || settings.limited_in_time())
+        return side == 64 ? 64 : 32;
+    return side;
 }
 
 std::uint64_t tile_count(PixelRect crop, std::uint32_t side) {

@@ -153,18 +153,34 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
 namespace {
 
 /// The pixels of a tile and those around it, in the picture.
-PixelRect with_halo(PixelRect rect, Extent size) {
+PixelRect with_frame(PixelRect rect, Extent size) {
     const std::uint32_t left = std::max(rect.x, 1u) - 1, top = std::max(rect.y, 1u) - 1;
     const std::uint32_t right = std::min(rect.x + rect.width + 1, size.width);
     const std::uint32_t bottom = std::min(rect.y + rect.height + 1, size.height);
     return {left, top, right - left, bottom - top};
 }
 
+struct Pixel {
+    std::uint32_t column, row;
+};
+
+/// How many of a pixel's base samples the one beside it looks at: all within a cell of the
+/// picture; across a cell's border one, of every other pixel. A tile of whole cells so draws
+/// 66 samples for what is around it and not 528, and a border still is not a blind spot: from each
+/// pixel at least one is seen beyond it.
+std::uint32_t samples_seen(Pixel beside, Pixel from) {
+    constexpr std::uint32_t cell_side = 32;
+    if (beside.column / cell_side == from.column / cell_side &&
+        beside.row / cell_side == from.row / cell_side)
+        return base_samples;
+    return (beside.column + beside.row) % 2 == 0 ? 1 : 0;
+}
+
 class AdaptiveTile {
 public:
     AdaptiveTile(const CompiledScene& scene, const RenderSettings& settings, PixelRect rect,
                  RenderControl& control)
-        : settings_(settings), rect_(rect), around_(with_halo(rect, settings.size)),
+        : settings_(settings), rect_(rect), around_(with_frame(rect, settings.size)),
           queue_(scene, settings, around_, control), base_(around_.pixel_count()),
           base_around_pixel_(rect.pixel_count()), pixels_(rect.pixel_count()),
           losses_(rect.pixel_count(), settings.truncation) {}
@@ -179,27 +195,47 @@ private:
     [[nodiscard]] bool draw_base();
     [[nodiscard]] bool refine();
     [[nodiscard]] bool enough(std::uint32_t pixel);
-    [[nodiscard]] BaseSamples base_around(std::uint32_t column, std::uint32_t row) const;
+    [[nodiscard]] std::uint32_t samples_needed(Pixel beside) const;
+    [[nodiscard]] BaseSamples base_around(Pixel pixel) const;
     [[nodiscard]] RenderedTile result() const;
 
     const RenderSettings& settings_;
     PixelRect rect_, around_;
     SampleQueue queue_;
-    std::vector<BaseSamples> base_; ///< of around_
+    struct Seen {
+        BaseSamples first, all;
+    };
+    std::vector<Seen> base_; ///< of around_
     std::vector<BaseSamples> base_around_pixel_;
     std::vector<PixelSamples> pixels_;
     Losses losses_;
     std::uint64_t skipped_pixels_ = 0;
     struct Waiting {
-        std::uint32_t pixel, column, row;
+        std::uint32_t pixel;
+        Pixel at;
     };
     std::vector<Waiting> waiting_; ///< for more samples
 };
 
+/// Of a pixel beside the tile.
+std::uint32_t AdaptiveTile::samples_needed(Pixel beside) const {
+    std::uint32_t most = 0;
+    for_each_pixel(with_frame({beside.column, beside.row, 1, 1}, settings_.size),
+                   [&](std::uint32_t column, std::uint32_t row) {
+                       if (PixelRect{column, row, 1, 1}.inside(rect_))
+                           most = std::max(most, samples_seen(beside, {column, row}));
+                       return true;
+                   });
+    return most;
+}
+
 bool AdaptiveTile::draw_base() {
     queue_.set_extras({.lost = settings_.truncation, .cut = true, .paths = true});
     const auto collect = [&](PixelRun run) {
-        base_[run.pixel].add(run.rgb, run.paths, run.first == 0);
+        Seen& seen = base_[run.pixel];
+        if (run.first == 0)
+            seen.first.add(run.rgb.first(3), run.paths.first(1), true);
+        seen.all.add(run.rgb, run.paths, run.first == 0);
         const std::uint32_t column = around_.x + run.pixel % around_.width;
         const std::uint32_t row = around_.y + run.pixel / around_.width;
         if (!PixelRect{column, row, 1, 1}.inside(rect_))
@@ -209,21 +245,31 @@ bool AdaptiveTile::draw_base() {
         pixels_[run.pixel].add(run.rgb, run.cut);
         losses_.add(run, queue_.budget_spent());
     };
-    const bool drawn = for_each_square(around_, block_side(base_samples), [&](PixelRect square) {
-        return for_each_pixel(square,
-                              [&](std::uint32_t column, std::uint32_t row) {
-                                  return queue_.add(index_in(around_, column, row), column, row, 0,
-                                                    base_samples, collect);
-                              }) &&
-               queue_.draw(collect);
-    });
+    const auto add = [&](std::uint32_t column, std::uint32_t row, std::uint32_t count) {
+        return queue_.add(index_in(around_, column, row), column, row, 0, count, collect);
+    };
+    const bool drawn =
+        for_each_square(rect_, block_side(base_samples),
+                        [&](PixelRect square) {
+                            return for_each_pixel(square,
+                                                  [&](std::uint32_t column, std::uint32_t row) {
+                                                      return add(column, row, base_samples);
+                                                  }) &&
+                                   queue_.draw(collect);
+                        }) &&
+        for_each_pixel(around_,
+                       [&](std::uint32_t column, std::uint32_t row) {
+                           return PixelRect{column, row, 1, 1}.inside(rect_) ||
+                                  add(column, row, samples_needed({column, row}));
+                       }) &&
+        queue_.draw(collect);
     if (!drawn)
         return false;
     for_each_pixel(rect_, [&](std::uint32_t column, std::uint32_t row) {
         const std::uint32_t pixel = index_in(rect_, column, row);
-        base_around_pixel_[pixel] = base_around(column, row);
+        base_around_pixel_[pixel] = base_around({column, row});
         if (!enough(pixel))
-            waiting_.push_back({pixel, column, row});
+            waiting_.push_back({pixel, {column, row}});
         return true;
     });
     return true;
@@ -237,15 +283,15 @@ bool AdaptiveTile::refine() {
         losses_.add(run, queue_.budget_spent());
     };
     while (!waiting_.empty()) {
-        for (const auto [pixel, column, row] : waiting_) {
+        for (const auto& [pixel, at] : waiting_) {
             const std::uint32_t count = pixels_[pixel].count();
             pixels_[pixel].double_expected();
-            if (!queue_.add(pixel, column, row, count, count, collect))
+            if (!queue_.add(pixel, at.column, at.row, count, count, collect))
                 return false;
         }
         if (!queue_.draw(collect))
             return false;
-        std::erase_if(waiting_, [&](const Waiting& at) { return enough(at.pixel); });
+        std::erase_if(waiting_, [&](const Waiting& waiting) { return enough(waiting.pixel); });
     }
     return true;
 }
@@ -257,13 +303,17 @@ bool AdaptiveTile::enough(std::uint32_t index) {
            pixel.bound(base_around_pixel_[index]) <= settings_.error / levels_per_unit;
 }
 
-BaseSamples AdaptiveTile::base_around(std::uint32_t column, std::uint32_t row) const {
-    BaseSamples all = base_[index_in(around_, column, row)];
-    const PixelRect r = with_halo({column, row, 1, 1}, settings_.size);
-    for (std::uint32_t y = r.y; y < r.y + r.height; ++y)
-        for (std::uint32_t x = r.x; x < r.x + r.width; ++x)
-            all.join(base_[index_in(around_, x, y)]);
-    return all;
+BaseSamples AdaptiveTile::base_around(Pixel pixel) const {
+    BaseSamples joined = base_[index_in(around_, pixel.column, pixel.row)].all;
+    for_each_pixel(with_frame({pixel.column, pixel.row, 1, 1}, settings_.size),
+                   [&](std::uint32_t column, std::uint32_t row) {
+                       const Seen& seen = base_[index_in(around_, column, row)];
+                       const std::uint32_t samples = samples_seen({column, row}, pixel);
+                       if (samples > 0)
+                           joined.join(samples == 1 ? seen.first : seen.all);
+                       return true;
+                   });
+    return joined;
 }
 
 RenderedTile AdaptiveTile::result() const {

@@ -12,8 +12,8 @@ namespace fraja {
 
 /// A pixel has 4 samples, then twice as many, and so on, until its error is thought to be at most
 /// settings.error levels (estimate.hpp), or it has settings.max_samples. That depends on its
-/// samples and on the first four of its neighbours', which are drawn, too, where they lie beside
-/// the tile.
+/// samples and on the first four of its neighbours', or the first in other cells of 32 x 32 pixels;
+/// those beside the tile are drawn, too.
 [[nodiscard]] Result<RenderedTile> draw_adaptive(const CompiledScene& scene,
                                                  const RenderSettings& settings, PixelRect rect,
                                                  RenderControl& control);

@@ -77,6 +77,18 @@ TEST_CASE("the pixels that a tile is said to have skipped are its own") {
     CHECK(tile->rays.skipped_pixels == 16); // not of those around, whose samples it looks at
 }
 
+TEST_CASE("for what is around it a tile of 32 x 32 pixels draws 2 % of its samples at most") {
+    const auto scene = compiled(edges());
+    RenderControl control;
+    const auto tile = scene->render_tile({.size = {96, 96}, .error = 8}, {32, 32, 32, 32}, control);
+    REQUIRE(tile.has_value());
+    const auto& samples = tile->tile.samples;
+    const auto own = std::accumulate(samples.begin(), samples.end(), std::uint64_t{0});
+    CHECK(own >= 4 * 1024);
+    CHECK(tile->rays.camera == own + 66); // every other one of a frame of 132
+    CHECK(66 <= 0.02 * static_cast<double>(own));
+}
+
 TEST_CASE("a pixel has 4 samples, or twice as many so often, and no more than may be") {
     const auto scene = compiled(edges());
     for (const auto& [may, most] :
