@@ -32,6 +32,7 @@ struct RenderSettings {
     std::uint32_t aa = 0;    ///< Raja's -a: n x n regular samples; 0: one at the pixel's centre
     std::uint32_t spp = 0;   ///< low-discrepancy samples per pixel, in place of Raja's; 0: off
     std::uint32_t first_sample = 0; ///< of the sequence that these are taken from
+    std::uint32_t seed = 0;         ///< of that sequence: others' samples are independent
     bool squares = false;           ///< fill Tile::squares, too; of pictures that are not adaptive
     /// Low-discrepancy samples until a pixel's error is thought to be at most so many levels of
     /// 8-bit pictures (levels_per_unit); 0: off. The cut level is coupled to it.

@@ -1,13 +1,16 @@
 """What the benchmarks' scripts share."""
 import os, subprocess, sys
 
-def build(target):
-    """Goes to the project's root and builds a benchmark there; its program's path."""
+def build_target(target):
+    """Goes to the project's root and builds it there."""
     os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..'))
-    for step in (['cmake', '--preset', 'release'],
-                 ['cmake', '--build', '--preset', 'release', '--target', 'bench_' + target]):
+    for step in (['cmake', '--preset', 'release'], ['cmake', '--build', '--preset', 'release', '--target', target]):
         subprocess.run(step, check=True, stdout=subprocess.DEVNULL)
-    return os.path.abspath('build/release/bench/' + target)
+
+def build(benchmark):
+    """Likewise, a program of tools/bench; its path."""
+    build_target('bench_' + benchmark)
+    return os.path.abspath('build/release/bench/' + benchmark)
 
 def install(*packages):
     """Debian's."""
@@ -31,3 +34,25 @@ def user_seconds(command, folder, env=None):
     if status:
         sys.exit('%s failed:\n%s' % (command[0], open(os.path.join(folder, 'log')).read()))
     return usage.ru_utime
+
+class Farm:
+    """A broker and workers of one thread each, on ports that the system picks."""
+    def __init__(self, programs, workers, folder):
+        self.log = open(os.path.join(folder, 'farm.log'), 'w')
+        self.processes = [subprocess.Popen([programs + '/fraja-broker', '--bind', 'tcp://127.0.0.1:0', '--publish', 'tcp://127.0.0.1:0',
+                                            '--state', 'none'], stdout=subprocess.PIPE, stderr=self.log, text=True)]
+        words = self.processes[0].stdout.readline().split() # listening ENDPOINT stream ENDPOINT
+        if len(words) < 2:
+            sys.exit('the broker did not come up')
+        self.broker = words[1]
+        for i in range(workers):
+            self.processes.append(subprocess.Popen([programs + '/fraja-worker', '-b', self.broker, '-j', '1', '--name', 'worker-%d' % i],
+                                                   stdout=self.log, stderr=self.log))
+    def __enter__(self):
+        return self
+    def __exit__(self, *_):
+        for process in reversed(self.processes):
+            process.terminate()
+        for process in self.processes:
+            process.wait()
+        self.log.close()

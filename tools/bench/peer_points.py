@@ -83,8 +83,8 @@ class PovRay:
         # Method 1 with a threshold of 0 supersamples where neighbours differ at all; more than 9 x 9 it does not.
         scale = 2 if quick else 3
         own = shrunk(draw(scale, '+AM1', '+A0.00', '+R9', '-J')[1], size[0], scale)
-        settings = [['-A']] + [['+AM1', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (2, 3, 5, 9) for a in (.1, .03, 0)]
-        settings += [['+AM2', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (2, 3, 4) for a in (.1, .03, 0)]
+        settings = [['-A']] + [['+AM1', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (3, 5, 9) for a in (.1, .03, 0)]
+        settings += [['+AM2', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (3, 4) for a in (.1, .03, 0)]
         for s in settings[:4] if quick else settings:
             seconds, picture = draw(1, *s)
             yield row_of(scene, self.name, ' '.join(s), seconds - start, picture, own)

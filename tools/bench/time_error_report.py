@@ -42,44 +42,52 @@ def table(head, lines):
     return ['| ' + ' | '.join(head) + ' |', '|---' * len(head) + '|'] + ['| ' + ' | '.join(l) + ' |' for l in lines] + ['']
 
 def marks(rows, kept, scenes):
-    """Lines of what was promised, what was measured, and whether that is enough; what was not run is left out."""
+    """Lines of what was promised, what was measured, and whether that is enough; what was not run is left out.
+
+    Seen elsewhere: one plain surface, the same bits everywhere (tests), --time-limit (tools/bench/time_limit).
+    """
     lines = []
     def line(what, mark, figure, enough):
         lines.append((what, mark, figure, 'yes' if enough else '**no**'))
-    spp = cost(rows, 'overlapping_spheres_640', 'adaptive', SPP, .005)
-    if spp:
-        line('overlapping_spheres 640x480 to 0.005, samples per pixel', '<= 30', '%.1f' % spp, spp <= 30)
+    def reached(what, mark, scenes_needed, figures, judge):
+        """Where something was not run there is no line; where a curve does not come down so far, it is missed."""
+        if not all(any(r[0] == s for r in rows) for s in scenes_needed):
+            return
+        if not all(figures):
+            line(what, mark, 'not reached', False)
+        else:
+            line(what, mark, *judge(*figures))
+    reached('overlapping_spheres 640x480 to 0.005, samples per pixel', '<= 30', ['overlapping_spheres_640'],
+            [cost(rows, 'overlapping_spheres_640', 'adaptive', SPP, .005)], lambda spp: ('%.1f' % spp, spp <= 30))
     for scene, error in (('b', .0067), ('c', .0017)):
         ours = cost(rows, scene, 'adaptive', SECONDS, error)
-        theirs = cost(rows, scene, 'POV-Ray', SECONDS, error)
-        grid = [r for r in rows if r[:3] == [scene, 'grid', '8']]
-        if ours and theirs:
-            line('%s to %g, user time, POV-Ray at its best : adaptive' % (scene, error), '>= 12',
-                 '%.2f s : %.2f s = %.1f' % (theirs, ours, theirs / ours), theirs >= 12 * ours)
-        if ours and grid:
-            seconds = float(grid[0][SECONDS])
-            line('%s to %g, user time, 8x8 grid (%s) : adaptive' % (scene, error, grid[0][RMSE]), '>= 3',
-                 '%.2f s : %.2f s = %.1f' % (seconds, ours, seconds / ours), seconds >= 3 * ours)
+        compared = lambda mark: lambda theirs, ours: ('%.2f s : %.2f s = %.1f' % (theirs, ours, theirs / ours), theirs >= mark * ours)
+        if any(r[:2] == [scene, 'POV-Ray'] for r in rows):
+            reached('%s to %g, user time, POV-Ray at its best : adaptive' % (scene, error), '>= 12', [scene],
+                    [cost(rows, scene, 'POV-Ray', SECONDS, error), ours], compared(12))
+        grid = [float(r[SECONDS]) for r in rows if r[:3] == [scene, 'grid', '8']]
+        reached('%s to %g, user time, 8x8 grid : adaptive' % (scene, error), '>= 3', [scene], [*grid, ours], compared(3))
     cases = [(float(k[1]), float(k[4]), float(k[5]), k[0]) for k in kept if float(k[1]) <= 8]
-    if cases:
-        good = sum(refined <= wanted for wanted, refined, _, _ in cases) / len(cases)
-        worst = max((refined / wanted, scene, wanted) for wanted, refined, _, scene in cases)
+    refined = [c for c in cases if c[1] > 0] # in others no pixel was
+    if refined:
+        good = sum(rms <= wanted for wanted, rms, _, _ in refined) / len(refined)
+        worst = max((rms / wanted, scene, wanted) for wanted, rms, _, scene in refined)
         whole = max((rmse / wanted, scene, wanted) for wanted, _, rmse, scene in cases)
-        count = '%d cases, %d scenes' % (len(cases), len({k[0] for k in kept}))
+        count = '%d cases, %d scenes' % (len(refined), len({k[3] for k in refined}))
         line('--error E: refined pixels\' RMS <= E (%s)' % count, '>= 95 %', '%.1f %%' % (100 * good), good >= .95)
         line('--error E: refined pixels\' RMS, worst', '<= 1.5 E', '%.2f E (%s, E = %g)' % worst, worst[0] <= 1.5)
         line('--error E: picture\'s RMSE, worst', '<= E', '%.2f E (%s, E = %g)' % whole, whole[0] <= 1)
-    grids = {s: ratio(rows, s, 'grid', RAYS, .003) for s in scenes}
-    for scene, value in grids.items():
-        if value:
-            line('%s to 0.003, rays, Raja\'s grid : adaptive' % scene, '>= 8', '%.1f' % value, value >= 8)
+    for scene in scenes:
+        reached('%s to 0.003, rays, Raja\'s grid : adaptive' % scene, '>= 8', [scene], [ratio(rows, scene, 'grid', RAYS, .003)],
+                lambda value: ('%.1f' % value, value >= 8))
     for error in (.005, .003, .002, .001):
         found = {s: ratio(rows, s, 'sobol-owen', RAYS, error) for s in scenes}
-        found = {s: r for s, r in found.items() if r}
-        if found:
-            middle, least = statistics.median(found.values()), min(found, key=found.get)
-            line('to %g, rays, Sobol-Owen : adaptive, median of %d scenes' % (error, len(found)), '>= 1.3', '%.2f' % middle, middle >= 1.3)
-            line('to %g, rays, Sobol-Owen : adaptive, least' % error, '>= 1.15', '%.2f (%s)' % (found[least], least), found[least] >= 1.15)
+        reach = {s: r for s, r in found.items() if r}
+        if reach:
+            middle, least = statistics.median(reach.values()), min(reach, key=reach.get)
+            count = '%d of %d scenes reach it' % (len(reach), len(found))
+            line('to %g, rays, Sobol-Owen : adaptive, median (%s)' % (error, count), '>= 1.3', '%.2f' % middle, middle >= 1.3)
+            line('to %g, rays, Sobol-Owen : adaptive, least' % error, '>= 1.15', '%.2f (%s)' % (reach[least], least), reach[least] >= 1.15)
     for wanted in sorted({float(k[1]) for k in kept if k[0] in scenes}):
         halo = max((float(k[7]), k[0]) for k in kept if float(k[1]) == wanted and k[0] in scenes)
         line('share of samples drawn for tiles beside, E = %g, worst' % wanted, '<= 2 %', '%.1f %% (%s)' % (100 * halo[0], halo[1]), halo[0] <= .02)
@@ -89,7 +97,10 @@ def marks(rows, kept, scenes):
 def report(rows, kept, truths, left_out, scenes, command):
     """The page, as lines of Markdown."""
     lines = ['# Run time against error', '', 'One thread; user seconds; RMS error over pixels and colours, linear, of 1, that of colours limited to 0..1. '
-             'Made by `%s`.' % command, '']
+             'Made by `%s`.' % command, '',
+             'Errors are those to a converged picture of 4096 samples per pixel, whose own error is told below; those of POV-Ray and '
+             'Tachyon are to one of their own, as they shade otherwise: of 27 x 27 samples where neighbours differ, and of 1024. How '
+             'wrong these are is not known.', '']
     lines += left_out + ['']
     lines += ['## Marks', ''] + table(['what', 'mark', 'measured', 'met'], marks(rows, kept, scenes))
     for column, what in ((SECONDS, 'user seconds'), (RAYS, 'rays, with shadow rays')):

@@ -39,7 +39,9 @@ void SamplePlaces::fill(std::uint32_t column, std::uint32_t row, std::uint64_t f
                         std::uint32_t count, double* x, double* y) const {
     if (!settings_.low_discrepancy())
         return fill_grid(column, row, first, count, x, y);
-    const OwenSobol points(mixed(std::uint64_t{row} << 32 | column));
+    const std::uint32_t pixel = mixed(std::uint64_t{row} << 32 | column);
+    const OwenSobol points(
+        settings_.seed == 0 ? pixel : mixed(std::uint64_t{settings_.seed} << 32 | pixel));
     const auto index = static_cast<std::uint32_t>(first);
     for (std::uint32_t i = 0; i < count; ++i) {
         SquarePoint at = points(index + i);

@@ -31,6 +31,20 @@ PixelRect whole(Extent size) {
 constexpr RenderSettings tent{.size = {37, 23}, .spp = 64, .filter = Filter::tent};
 constexpr RenderSettings box{.size = {37, 23}, .spp = 64};
 
+TEST_CASE("samples of another seed have nothing to do with these, however far on") {
+    RenderSettings other = box;
+    other.seed = 1;
+    const SamplePlaces one(box, whole(box.size), false), two(other, whole(box.size), false);
+    const Places a = places(one, 5, 7, 64), b = places(two, 5, 7, 64);
+    // Of one sequence, samples 2^24 on have the same x; of independent ones no two are as near.
+    const Places far = places(one, 5, 7, 64, std::uint64_t{1} << 24);
+    for (std::size_t i = 0; i < 64; ++i) {
+        CHECK(std::abs(a.x[i] - far.x[i]) < 1e-7);
+        CHECK(std::abs(a.x[i] - b.x[i]) > 1e-7);
+        CHECK(std::abs(a.y[i] - b.y[i]) > 1e-7);
+    }
+}
+
 TEST_CASE("a grid's places are Raja's to the bit, and so is the one at the centre") {
     for (const std::uint32_t n : {0u, 1u, 2u, 3u, 7u}) {
         const RenderSettings settings{.size = {37, 23}, .aa = n};
