@@ -17,7 +17,14 @@ Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client,
          std::vector<PixelRect> plan)
     : submission_(std::move(submission)), number_(number), client_(std::move(client)),
       plan_(std::move(plan)), results_(plan_.size() * protocol::pass_count(submission_.settings)),
-      fresh_end_(results_.size()), first_pass_left_(plan_.size()) {}
+      passes_(protocol::pass_count(submission_.settings)), fresh_end_(results_.size()),
+      first_pass_left_(plan_.size()) {}
+
+void Job::set_passes(std::uint32_t passes) {
+    FRAJA_ASSERT(passes > 0 && passes <= passes_ && fresh_ == 0);
+    passes_ = passes;
+    fresh_end_ = plan_.size() * passes;
+}
 
 bool Job::has_pending() const {
     return !requeued_.empty() || fresh_ < fresh_end_;
@@ -76,6 +83,7 @@ void Job::finish(TileIndex tile, std::shared_ptr<const protocol::TileDone> resul
     if (pass(tile) == 0)
         --first_pass_left_;
     ++done_count_;
+    done_pixels_ += rect(tile).pixel_count();
 }
 
 void Job::drop_unfinished() {
@@ -94,8 +102,10 @@ void Job::set_time_is_up() {
 
 std::uint64_t Job::stored_bytes() const {
     const protocol::PictureSettings& s = submission_.settings;
-    return s.crop.pixel_count() * s.pixel_bytes() * protocol::pass_count(s) +
-           results_.size() * tile_overhead_bytes;
+    const bool over = is_over(phase);
+    const std::uint64_t pixels = over ? done_pixels_ : s.crop.pixel_count() * passes_;
+    const std::uint64_t tiles = over ? done_count_ : plan_.size() * passes_;
+    return pixels * s.pixel_bytes() + tiles * tile_overhead_bytes;
 }
 
 protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {

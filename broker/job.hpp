@@ -51,8 +51,12 @@ public:
     [[nodiscard]] bool done(TileIndex tile) const { return results_[as_index(tile)] != nullptr; }
     /// Everything that is wanted: of a job whose time is up one pass.
     [[nodiscard]] bool all_done() const {
-        return done_count_ == results_.size() || (time_is_up_ && first_pass_left_ == 0);
+        return done_count_ == plan_.size() * passes_ || (time_is_up_ && first_pass_left_ == 0);
     }
+    /// How many passes are drawn at most; 1 of a picture without a time limit.
+    [[nodiscard]] std::uint32_t passes() const { return passes_; }
+    /// Before anything is handed out, and 1 at least: so many only.
+    void set_passes(std::uint32_t passes);
     /// No pass is begun any more but the first, which must be.
     void set_time_is_up();
     [[nodiscard]] bool has_pending() const;
@@ -91,12 +95,14 @@ public:
         return left;
     }
 
-    /// Of the pixels of all its tiles, with what it costs to keep them.
+    /// Of the pixels of all tiles that it may come to have, or has if it is over, with what it
+    /// costs to keep them.
     [[nodiscard]] std::uint64_t stored_bytes() const;
 
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
     std::string reason;
+    Instant submitted_at;     ///< from then on a time limit counts
     Instant scene_came_on_at; ///< while waiting for it: when it was last asked for or came
     std::optional<Instant> acknowledged_at, over_at;
 
@@ -110,7 +116,8 @@ private:
     PeerId client_;
     std::vector<PixelRect> plan_;
     std::vector<std::shared_ptr<const protocol::TileDone>>
-        results_;                 ///< pass after pass as plan_; null until done
+        results_; ///< pass after pass as plan_; null until done
+    std::uint32_t passes_;
     std::size_t fresh_ = 0;       ///< tiles from here on were never handed out
     std::size_t fresh_end_;       ///< nor are those from here on
     std::size_t first_pass_left_; ///< its tiles that are not done
@@ -120,6 +127,7 @@ private:
     std::map<TileIndex, AttemptNumber> attempts_; ///< of the tiles handed out and not done
     std::map<TileIndex, std::vector<WorkerId>> failed_on_;
     std::uint32_t done_count_ = 0;
+    std::uint64_t done_pixels_ = 0;
     protocol::Rays rays_;
     Duration render_time_{};
 };

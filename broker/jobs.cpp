@@ -84,13 +84,20 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
         const auto oldest = std::ranges::find_if(job_by_number_, [this](const auto& entry) {
             return is_over(jobs_.at(entry.second).phase);
         });
-        if (oldest == job_by_number_.end())
+        if (oldest != job_by_number_.end())
+            forget(oldest->second);
+        else if (fresh.passes() > 1)
+            fresh.set_passes(fresh.passes() - 1);
+        else
             return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
-        forget(oldest->second);
         full = over_limit();
     }
+    if (fresh.passes() < pass_count(submission.settings))
+        log(LogLevel::warning, described(fresh) + ": of " +
+                                   std::to_string(pass_count(submission.settings)) +
+                                   " passes there is room for " + std::to_string(fresh.passes()));
     Job& job = jobs_.emplace(submission.job, std::move(fresh)).first->second;
-    job.scene_came_on_at = now_;
+    job.submitted_at = job.scene_came_on_at = now_;
     job_by_number_[++last_number_] = job.id();
     if (blobs_.complete(submission.scene)) {
         acknowledge(job);
@@ -195,7 +202,7 @@ void Dispatcher::acknowledge(Job& job) {
     job.phase = JobPhase::queued;
     job.acknowledged_at = now_;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
-        deadlines_.emplace(now_ + s.time_limit, job.id());
+        deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     ready_.insert(job.id());
     log(LogLevel::info,
         described(job) + ": " + std::to_string(job.tile_count()) + " tile(s) queued");
@@ -267,7 +274,7 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
     job.over_at = now_;
     ready_.erase(job.id());
     if (job.acknowledged_at)
-        deadlines_.erase({*job.acknowledged_at + job.submission().settings.time_limit, job.id()});
+        deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
     for (const auto& [tile, assignment] : assigned)
         cancel_grant(assignment.peer, {job.id(), tile, assignment.attempt});
     const auto state = job.state(identity_.epoch, now_);

@@ -20,13 +20,6 @@ struct Grid {
     std::uint32_t columns, rows;
 };
 
-Grid grid_of(PixelRect crop, std::uint32_t side) {
-    const auto cells = [side](std::uint32_t pixels) {
-        return static_cast<std::uint32_t>((std::uint64_t{pixels} + side - 1) / side);
-    };
-    return {cells(crop.width), cells(crop.height)};
-}
-
 std::vector<Cell> scan(Grid grid) {
     std::vector<Cell> cells;
     cells.reserve(std::size_t{grid.columns} * grid.rows);
@@ -119,17 +112,24 @@ std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings) {
 }
 
 std::uint64_t tile_count(PixelRect crop, std::uint32_t side) {
-    const Grid grid = grid_of(crop, side);
-    return std::uint64_t{grid.columns} * grid.rows;
+    return cells_of(crop, side).pixel_count();
 }
 
 std::vector<PixelRect> plan_tiles(PixelRect crop, std::uint32_t side, protocol::TileOrder order) {
     FRAJA_ASSERT(side > 0 && !crop.empty());
+    const PixelRect cells = cells_of(crop, side);
     std::vector<PixelRect> tiles;
-    for (const Cell cell : ordered(grid_of(crop, side), order)) {
-        const std::uint32_t x = cell.column * side, y = cell.row * side;
-        tiles.push_back({crop.x + x, crop.y + y, std::min(side, crop.width - x),
-                         std::min(side, crop.height - y)});
+    for (const Cell cell : ordered({cells.width, cells.height}, order)) {
+        // 64 bits: the last cell may reach beyond what a coordinate holds.
+        const auto along = [side](std::uint64_t index, std::uint32_t from, std::uint32_t length) {
+            const std::uint64_t begin = std::max<std::uint64_t>(index * side, from);
+            const std::uint64_t end = std::min((index + 1) * side, std::uint64_t{from} + length);
+            return std::pair(static_cast<std::uint32_t>(begin),
+                             static_cast<std::uint32_t>(end - begin));
+        };
+        const auto [x, width] = along(std::uint64_t{cells.x} + cell.column, crop.x, crop.width);
+        const auto [y, height] = along(std::uint64_t{cells.y} + cell.row, crop.y, crop.height);
+        tiles.push_back({x, y, width, height});
     }
     return tiles;
 }

@@ -15,8 +15,9 @@ namespace fraja::broker {
 /// of the first passes has 4 samples a pixel.
 [[nodiscard]] std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings);
 
-/// Cuts `crop` into squares of `side` pixels (less at the right and the bottom), each pixel in
-/// exactly one, in the order in which they are to be handed out. `side` must not be 0.
+/// Cuts `crop` along a grid of squares of `side` pixels from the picture's top left (less at the
+/// crop's borders), each pixel in exactly one, in the order in which they are to be handed out.
+/// `side` must not be 0.
 [[nodiscard]] std::vector<PixelRect> plan_tiles(PixelRect crop, std::uint32_t side,
                                                 protocol::TileOrder order);
 

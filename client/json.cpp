@@ -83,7 +83,8 @@ std::string tile_json(const protocol::TileDone& tile) {
                    {"h", tile.rect.height},
                    {"worker", tile.worker_name},
                    {"elapsed_s", seconds(tile.elapsed)},
-                   {"rays", tile.rays.total()}});
+                   {"rays", tile.rays.total()},
+                   {"pass", tile.pass}});
 }
 
 std::string job_json(const protocol::JobState& state) {
@@ -139,7 +140,8 @@ std::string submit_json(const SubmissionReport& r) {
         if (r.estimate)
             json["estimate"] = {{"samples_per_pixel", r.estimate->samples},
                                 {"rms_error", r.estimate->rms_error},
-                                {"rms_error_levels", levels_per_unit * r.estimate->rms_error}};
+                                {"rms_error_levels", levels_per_unit * r.estimate->rms_error},
+                                {"pixels_at_ceiling", r.estimate->pixels_at_ceiling}};
         add_counts(json, r.job.rays);
         json["render_s"] = seconds(r.job.render_time);
         json["elapsed_s"] = seconds(r.job.elapsed);

@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/image/quantise.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/passes.hpp"
 
@@ -53,7 +54,8 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
         tile.samples = next(pixels);
         tile.error = next(pixels);
     } else if (settings.limited_in_time()) {
-        tile.squares = next(pixels);
+        tile.variance = next(pixels);
+        tile.cut = next(pixels);
     }
     return tile;
 }
@@ -93,18 +95,25 @@ std::optional<Estimate> Picture::estimate() const {
     for (std::size_t i = 0; i < error.size(); ++i) {
         e.samples += static_cast<double>(film().samples()[i]);
         e.rms_error += static_cast<double>(error[i]) * static_cast<double>(error[i]);
+        if (settings_.error > 0 &&
+            2 * film().samples()[i] > static_cast<float>(settings_.max_samples) &&
+            levels_per_unit * static_cast<double>(error[i]) > settings_.error)
+            ++e.pixels_at_ceiling;
     }
     const auto pixels = static_cast<double>(error.size());
-    return Estimate{.samples = e.samples / pixels, .rms_error = std::sqrt(e.rms_error / pixels)};
+    e.samples /= pixels;
+    e.rms_error = std::sqrt(e.rms_error / pixels);
+    return e;
 }
 
 Result<void> Picture::write(const std::filesystem::path& path,
                             const std::vector<PictureAttribute>& attributes) const {
-    if (!passes_)
-        return write_picture(path, film_, attributes);
     std::vector<PictureAttribute> more = attributes;
-    more.push_back({"fraja:passes", std::to_string(passes_->passes_done())});
-    return write_picture(path, passes_->film(), more);
+    if (passes_)
+        more.push_back({"fraja:passes", std::to_string(passes_->passes_done())});
+    if (const auto estimated = estimate())
+        more.push_back({"fraja:rms_error", fmt::format("{:.6g}", estimated->rms_error)});
+    return write_picture(path, film(), more);
 }
 
 std::vector<PictureAttribute> picture_attributes(const ContentHash& scene,
@@ -147,8 +156,8 @@ std::string settings_text(const protocol::PictureSettings& s) {
     if (s.error > 0)
         text += fmt::format("error {} with at most {} samples, ", s.error, s.max_samples);
     else if (s.limited_in_time())
-        text += fmt::format("time limit {} with at most {} samples, ",
-                            format_duration(s.time_limit), s.max_samples);
+        text += fmt::format("time limit {} s with at most {} samples, ", seconds(s.time_limit),
+                            s.max_samples);
     else if (s.spp > 0)
         text += fmt::format("spp {}, ", s.spp);
     else

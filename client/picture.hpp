@@ -20,6 +20,8 @@ namespace fraja::client {
 struct Estimate {
     double samples = 0;   ///< per pixel
     double rms_error = 0; ///< over its pixels and colours, in units of the radiance
+    /// Pixels that have as many samples as may be and are still worse than was asked for.
+    std::uint64_t pixels_at_ceiling = 0;
 };
 
 class Picture {

@@ -10,7 +10,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr Duration submit_repeat = 2s; // without a sign of an answer
+constexpr Duration submit_repeat = 2s;     // without a sign of an answer
+constexpr Duration least_time_limit = 1ms; // where getting so far has used up all of it
 
 } // namespace
 
@@ -73,6 +74,10 @@ Instant Submission::next_deadline() const {
 void Submission::submit(Instant now, std::vector<Action>& actions) {
     submitting_ = true;
     submit_due_ = now + submit_repeat;
+    // Once: a job that is sent again must be the same.
+    if (const auto ends_at = std::exchange(request_.ends_at, std::nullopt))
+        request_.job.settings.time_limit =
+            std::clamp(*ends_at - now, least_time_limit, request_.job.settings.time_limit);
     actions.push_back(Send{request_.job});
 }
 

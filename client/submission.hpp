@@ -18,6 +18,9 @@ struct SubmissionRequest {
     SessionOptions session;
     bool detach = false;             ///< done as soon as the job is acknowledged
     std::optional<Duration> timeout; ///< from the start; the job goes on
+    /// Of a job with a time limit: it is made shorter when the job is first sent, so as to end
+    /// then.
+    std::optional<Instant> ends_at = std::nullopt;
 };
 
 class Submission final : public Core {

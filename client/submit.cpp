@@ -21,9 +21,6 @@
 namespace fraja::client {
 namespace {
 
-/// A time limit that reading the scene has used up.
-constexpr Duration least_time_limit = std::chrono::milliseconds(1);
-
 /// Keeps the picture, the progress and the sums while a submission runs.
 class SubmitListener final : public Listener {
 public:
@@ -171,8 +168,8 @@ private:
                                   .session = session_options(options_.shared),
                                   .detach = options_.detach,
                                   .timeout = options_.timeout};
-        if (protocol::PictureSettings& s = request.job.settings; s.limited_in_time())
-            s.time_limit = std::max<Duration>(s.time_limit - since_start(), least_time_limit);
+        if (const protocol::PictureSettings& s = options_.settings; s.limited_in_time())
+            request.ends_at = started_ + s.time_limit;
         if (options_.local) {
             auto started = LocalFarm::start(context, options_.local_threads);
             if (!started)
@@ -219,6 +216,11 @@ private:
             return {ExitCode::job_failed, written.error().message};
         }
         report_.output = options_.output;
+        if (const auto& e = report_.estimate; e && e->pixels_at_ceiling > 0)
+            console_.warning(
+                fmt::format("--error {} is not reached in {} of {} pixels: they have --max-samples",
+                            options_.settings.error, e->pixels_at_ceiling,
+                            options_.settings.crop.pixel_count()));
         return {};
     }
 

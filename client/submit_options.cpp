@@ -16,6 +16,8 @@ constexpr const char* program = "fraja-submit";
 constexpr const char* examples = R"(Examples:
   fraja-submit --local scenes/cone.raj -o cone.png     render here, without any daemon
   fraja-submit scenes/cone.raj -r 1920x1080 -a 4       render on the farm to ./cone.png
+  fraja-submit scenes/cone.raj --error 1               right to about one level of 255
+  fraja-submit scenes/cone.raj --time-limit 30s        the best picture in half a minute
   job=$(fraja-submit --detach scenes/cone.raj)         submit and leave; then: fraja-watch $job
 
 Submits a scene, follows it, and writes the picture. Exit: 0 done, 1 the job failed, 2 usage or
@@ -60,18 +62,19 @@ void add_picture_options(CLI::App& app, Arguments& a) {
                                  ->type_name("N");
     CLI::Option* const error =
         app.add_option("--error", a.options.settings.error,
-                       "As many as a pixel needs until its error is about E levels of 255")
+                       "As many samples as a pixel needs until its error is about E levels of 255")
             ->check(CLI::Range(error_min, protocol::error_max))
             ->excludes("--aa")
             ->excludes(spp)
             ->type_name("E");
-    app.add_option("--time-limit", a.time_limit, "The best picture within T")
+    app.add_option("--time-limit", a.time_limit,
+                   "The best picture that there is time for, in passes over all of it")
         ->excludes("--aa")
         ->excludes(spp)
         ->excludes(error)
         ->type_name("T");
     a.max_samples = app.add_option("--max-samples", a.options.settings.max_samples,
-                                   "Ceiling per pixel for --error and --time-limit")
+                                   "Ceiling per pixel for --error (4, 8, 16 ...) and --time-limit")
                         ->capture_default_str()
                         ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
                         ->type_name("N");
@@ -119,7 +122,8 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
     app.add_option("--timeout", a.timeout, "Leave after this time with exit 124; the job goes on")
         ->type_name("T");
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
-    app.add_flag("--stats", o.stats, "Print rays by kind, what they cost, and times");
+    app.add_flag("--stats", o.stats,
+                 "Print rays by kind, what they cost, the estimated error, and times");
     app.add_flag("--overwrite", a.overwrite, "Replace an existing output when done (the default)");
     app.add_flag("--skip-existing", o.skip_existing, "Nothing is rendered where the output exists");
 }
@@ -149,7 +153,7 @@ Result<void> read_picture(Arguments& a) {
         const auto limit = parse_duration(a.time_limit);
         if (!limit || *limit <= Duration::zero())
             return invalid_option("--time-limit " + a.time_limit +
-                                  ": a duration is written as 90, 90s, 5m or 1h30m");
+                                  ": a time above 0 is written as 90, 1.5s, 5m or 1h30m");
         s.time_limit = *limit;
     }
     if (*a.max_samples && s.error == 0 && !s.limited_in_time())
@@ -179,9 +183,7 @@ Result<void> read_tiles(Arguments& a) {
         return invalid_option("--tile " + a.tile + ": auto, or 1 to " +
                               std::to_string(protocol::tile_side_max) + " pixels");
     o.tile_side = static_cast<std::uint32_t>(*side);
-    const auto along = [&](std::uint32_t pixels) { return (pixels + *side - 1) / *side; };
-    if (along(o.settings.crop.width) * along(o.settings.crop.height) *
-            protocol::pass_count(o.settings) >
+    if (cells_of(o.settings.crop, o.tile_side).pixel_count() * protocol::pass_count(o.settings) >
         protocol::tiles_per_job_max)
         return invalid_option("--tile " + a.tile + ": that makes more than " +
                               std::to_string(protocol::tiles_per_job_max) + " tiles");

@@ -1,5 +1,6 @@
 #include "client/watching.hpp"
 
+#include "client/progress.hpp"
 #include "client/submission.hpp"
 #include "common/protocol/topics.hpp"
 
@@ -108,8 +109,10 @@ void JobWatching::look_whether_done(std::vector<Action>& actions) {
     const Follower& f = *follower_;
     if (f.is_complete())
         return finish(outcome_of(f.state()), actions);
-    const double wanted = std::max(1.0, request_.until.share * f.state().tile_count);
-    if (request_.until.share < 1 && f.have_count() >= wanted)
+    const bool limited = f.state().settings.limited_in_time(); // tells no number of tiles
+    const double share = limited ? share_done(f.state())
+                                 : f.have_count() / static_cast<double>(f.state().tile_count);
+    if (request_.until.share < 1 && f.have_count() > 0 && share >= request_.until.share)
         return finish({}, actions);
     if (request_.until.once && f.has_caught_up())
         return finish(outcome_of(f.state()), actions);

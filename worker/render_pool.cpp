@@ -42,7 +42,7 @@ RenderSettings render_settings(const protocol::PictureSettings& s, std::uint32_t
         const protocol::Pass samples = protocol::pass_of(pass);
         settings.first_sample = samples.first;
         settings.spp = samples.count;
-        settings.squares = true;
+        settings.pass = true;
     }
     return settings;
 }
@@ -110,7 +110,8 @@ std::vector<Blob> pixel_blobs(const Tile& tile) {
     static_assert(protocol::chunk_bytes % sizeof(float) == 0);
     std::vector<Blob> blobs;
     Bytes bytes;
-    for (const std::vector<float>* floats : {&tile.rgb, &tile.samples, &tile.error, &tile.squares})
+    for (const std::vector<float>* floats :
+         {&tile.rgb, &tile.samples, &tile.error, &tile.variance, &tile.cut})
         for (const float value : *floats) {
             const auto bits = std::bit_cast<std::uint32_t>(value);
             for (unsigned b = 0; b < 4; ++b)

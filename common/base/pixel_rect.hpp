@@ -30,4 +30,14 @@ struct PixelRect {
     }
 };
 
+/// Of a grid of squares from the picture's top left, those that a rectangle lies in: from the first
+/// column and row on, so many. `side` must not be 0; of an empty rectangle there are none.
+[[nodiscard]] constexpr PixelRect cells_of(const PixelRect& r, std::uint32_t side) {
+    const auto count = [side](std::uint32_t from, std::uint32_t length) {
+        return static_cast<std::uint32_t>(
+            length == 0 ? 0 : (std::uint64_t{from} + length - 1) / side - from / side + 1);
+    };
+    return {r.x / side, r.y / side, count(r.x, r.width), count(r.y, r.height)};
+}
+
 } // namespace fraja

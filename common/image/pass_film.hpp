@@ -16,8 +16,8 @@ public:
     /// `samples`: of each pass. A pass consists of `tiles` tiles that cover the region.
     PassFilm(Extent size, PixelRect region, std::vector<std::uint32_t> samples, std::size_t tiles);
 
-    /// Each tile of each pass once, in any order, with its squares. `rgb` are the means of the
-    /// pass's samples.
+    /// Each tile of each pass once, in any order, with its variance and cut. `rgb` are the means of
+    /// the pass's samples.
     void place(std::uint32_t pass, Tile tile);
 
     /// With each pixel's samples and error.
@@ -26,10 +26,12 @@ public:
 
 private:
     struct Pixel {
-        double rgb[3] = {}, squares = 0; ///< sums over the samples
-        double variance = 0;             ///< of the mean, from how far it moved with each pass
+        double rgb[3] = {}, cut = 0; ///< sums over the samples
+        double squares = 0;          ///< of the samples' distances from their mean, likewise
+        double variance_of_mean = 0; ///< from how far it moved with each pass
     };
     void add(const Tile& tile);
+    [[nodiscard]] Tile seen_first(const Tile& tile) const;
 
     PixelRect region_;
     std::vector<std::uint32_t> samples_;

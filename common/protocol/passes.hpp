@@ -12,9 +12,9 @@ struct Pass {
     std::uint32_t first = 0, count = 0;
 };
 
-/// The first passes have 4 samples each; then come two of 8, two of 16, and so on: with each pass
-/// the samples grow by a third or by a half, so what a pass that is not finished has cost is never
-/// more than that.
+/// The first passes have 4 samples each; then come two of 8, two of 16, and so on. After the second
+/// the samples grow by a third or by a half with each pass, so what one that is not finished has
+/// cost is never more than a third of all.
 [[nodiscard]] constexpr Pass pass_of(std::uint32_t index) {
     const auto begin = [](std::uint32_t i) -> std::uint32_t {
         return i < 2 ? 4 * i : (i % 2 == 0 ? 8u : 12u) << (i - 2) / 2;

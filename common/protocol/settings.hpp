@@ -56,9 +56,9 @@ struct PictureSettings {
     /// Each pixel comes with its samples and its error.
     [[nodiscard]] bool estimates() const { return error > 0 || spp >= 4; }
     /// Of a pixel, as it travels: 32-bit floats. Red, green, blue; of a picture with estimates
-    /// samples and error; of a pass the mean of the samples' squares.
+    /// samples and error; of a pass the samples' variance, and the light that was cut.
     [[nodiscard]] std::uint64_t pixel_bytes() const {
-        return 4 * (estimates() ? 5 : limited_in_time() ? 4 : 3);
+        return sizeof(float) * (estimates() || limited_in_time() ? 5 : 3);
     }
 };
 

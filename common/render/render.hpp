@@ -33,7 +33,7 @@ struct RenderSettings {
     std::uint32_t spp = 0;   ///< low-discrepancy samples per pixel, in place of Raja's; 0: off
     std::uint32_t first_sample = 0; ///< of the sequence that these are taken from
     std::uint32_t seed = 0;         ///< of that sequence: others' samples are independent
-    bool squares = false;           ///< fill Tile::squares, too; of pictures that are not adaptive
+    bool pass = false; ///< of many: fill Tile::variance and cut, too; spp is 4 at least
     /// Low-discrepancy samples until a pixel's error is thought to be at most so many levels of
     /// 8-bit pictures (levels_per_unit); 0: off. The cut level is coupled to it.
     double error = 0;
@@ -45,7 +45,7 @@ struct RenderSettings {
     [[nodiscard]] bool adaptive() const { return error > 0; }
     [[nodiscard]] bool low_discrepancy() const { return spp > 0 || adaptive(); }
     /// Each pixel comes with its samples and its error: where there are 4 to judge by.
-    [[nodiscard]] bool estimates() const { return adaptive() || (spp >= 4 && !squares); }
+    [[nodiscard]] bool estimates() const { return adaptive() || (spp >= 4 && !pass); }
     /// Of all pixels alike, where it is not adaptive.
     [[nodiscard]] std::uint64_t samples_per_pixel() const {
         return spp > 0 ? spp : aa > 0 ? std::uint64_t{aa} * aa : 1;

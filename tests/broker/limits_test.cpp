@@ -72,10 +72,17 @@ TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else 
     farm.submit(1, 2);
     farm.say("client", Farm::picture(2, 2));
     CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
-    farm.say("client", CancelJob{id_of<JobId>(1)});
+    farm.worker_arrives("w", 1, 1, 2);
+    for (const RenderTile& tile : farm.tiles("w"))
+        farm.render("w", tile);
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::done);
     farm.say("client", Farm::picture(2, 2));
     CHECK(farm.last<JobState>("client").number == 2);
     CHECK(farm.dispatcher.job_count() == 1);
+    farm.say("client", CancelJob{id_of<JobId>(2)}); // of which there is nothing to keep
+    farm.say("client", Farm::picture(3, 2));
+    CHECK(farm.last<JobState>("client").number == 3);
+    CHECK(farm.dispatcher.job_count() == 2);
 }
 
 TEST_CASE("scenes beyond blob_bytes_max are refused") {

@@ -38,6 +38,16 @@ TEST_CASE("every pixel of the crop lies in exactly one tile whatever the order")
     });
 }
 
+TEST_CASE("a crop's tiles lie on the picture's grid") {
+    const auto tiles = plan_tiles({20, 70, 50, 10}, 32, TileOrder::scan);
+    CHECK(tiles == std::vector<PixelRect>{{20, 70, 12, 10}, {32, 70, 32, 10}, {64, 70, 6, 10}});
+    // Where coordinates end.
+    constexpr std::uint32_t end = 0xffffffff;
+    CHECK(plan_tiles({end - 3, 0, 3, 1}, 64, TileOrder::scan) ==
+          std::vector<PixelRect>{{end - 3, 0, 3, 1}});
+    CHECK(tile_count({end - 3, 0, 3, 1}, 2) == 2);
+}
+
 TEST_CASE("the diadic order starts with the corners and goes on halfway between") {
     const auto tiles = plan_tiles({0, 0, 5, 3}, 1, TileOrder::diadic);
     REQUIRE(tiles.size() == 15);

@@ -135,7 +135,7 @@ TEST_CASE("a job that was cancelled has no deadline any more") {
     CHECK(farm.state(job).phase == JobPhase::cancelled);
 }
 
-TEST_CASE("passes count among a job's tiles and its stored pixels") {
+TEST_CASE("passes count among a job's tiles") {
     Farm farm;
     SubmitJob many = limited(1, 10s, samples_max);
     many.settings.size = {4096, 4096};
@@ -144,11 +144,27 @@ TEST_CASE("passes count among a job's tiles and its stored pixels") {
     farm.client_arrives("client");
     farm.say("client", many);
     CHECK(farm.last<Refused>("client").code == RefusalCode::invalid);
-    many.settings.max_samples = 64;
-    many.tile_side = 64;
-    Farm small(Limits{.stored_bytes_max = std::uint64_t{4096} * 4096 * 16 * 2});
+}
+
+TEST_CASE("of the passes as many are drawn as there is room for in stored_bytes_max") {
+    // A pass of 3 tiles of 10 x 10 pixels takes 3 x (100 x 20 + 300) bytes.
+    Farm farm(Limits{.stored_bytes_max = 2 * 6'900 + 100});
+    farm.worker_arrives("w", 1, 1, 2);
+    const JobId job = farm.submit("client", limited(3, 10s));
+    CHECK(render_tiles(farm, 100).size() == 6);
+    const JobState state = farm.state(job);
+    CHECK(state.phase == JobPhase::done);
+    CHECK(state.done_count == 6);
+    CHECK(state.tile_count == 3 * pass_count(limited(3, 10s).settings)); // where tiles lie
+    // What is over makes room, and one that has been cut short takes up what it has.
+    SubmitJob next = limited(3, 10s);
+    next.job = id_of<JobId>(2);
+    farm.submit("client", next);
+    CHECK(render_tiles(farm, 100).size() == 6);
+
+    Farm small(Limits{.stored_bytes_max = 6'899});
     small.client_arrives("client");
-    small.say("client", many);
+    small.say("client", limited(3, 10s));
     CHECK(small.last<Refused>("client").code == RefusalCode::limit_exceeded);
 }
 

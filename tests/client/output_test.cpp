@@ -66,7 +66,7 @@ public:
 TEST_CASE("a tile's JSON has the fields of the manual and no other") {
     CHECK(tile_json(tile()) ==
           R"({"schema":"fraja.tile/1","job":"01020000-0000-0000-0000-000000000000","frame":0,)"
-          R"("x":128,"y":64,"w":2,"h":1,"worker":"ada","elapsed_s":0.25,"rays":10})");
+          R"("x":128,"y":64,"w":2,"h":1,"worker":"ada","elapsed_s":0.25,"rays":10,"pass":0})");
 }
 
 TEST_CASE("names from others cannot break the JSON") {
@@ -274,6 +274,20 @@ TEST_CASE("what is thought of a picture is known when it is whole") {
     REQUIRE(picture.estimate().has_value());
     CHECK(picture.estimate()->samples == 22);
     CHECK(picture.estimate()->rms_error == doctest::Approx(0.5)); // not the mean, 0.45
+    CHECK(picture.estimate()->pixels_at_ceiling == 0);
+}
+
+TEST_CASE("pixels that may have no more samples and are not as good as was asked for are counted") {
+    auto settings = adaptive_settings();
+    settings.error = 51, settings.max_samples = 100; // 0.2; as many as 64, the power of two below
+    Picture picture(settings);
+    protocol::TileDone t;
+    t.rect = settings.crop;
+    t.blobs = {make_blob(
+        travelling({0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 64, 64, 32, 64, 0.3f, 0.1f, 0.3f, 0.21f}))};
+    picture.place(t, 1);
+    REQUIRE(picture.estimate().has_value());
+    CHECK(picture.estimate()->pixels_at_ceiling == 2);
 }
 
 TEST_CASE("nothing is thought of a regular grid, nor of three samples") {

@@ -140,6 +140,21 @@ TEST_CASE("an unanswered submission is repeated after two seconds") {
     CHECK(d.sent<protocol::SubmitJob>().has_value());
 }
 
+TEST_CASE("a time limit is what is left of it when the job is first sent, and then stays") {
+    SubmissionRequest request = request_for({}, scene_of(10));
+    request.job.settings.time_limit = 5s;
+    request.ends_at = Instant{} + 4500ms;
+    Dialogue d(request);
+    REQUIRE(d.sent<protocol::SubmitJob>().has_value());
+    CHECK(d.sent<protocol::SubmitJob>()->settings.time_limit == 4500ms);
+    d.actions.clear();
+    d.submission.step(Instant{} + 2s, Tick{}, d.actions); // the same job again
+    REQUIRE(d.sent<protocol::SubmitJob>().has_value());
+    CHECK(d.sent<protocol::SubmitJob>()->settings.time_limit == 4500ms);
+    request.ends_at = Instant{} - 1s; // too late: the first pass all the same
+    CHECK(Dialogue(request).sent<protocol::SubmitJob>()->settings.time_limit == 1ms);
+}
+
 TEST_CASE("refusals of the submission have their exit codes") {
     using enum protocol::RefusalCode;
     struct Row {

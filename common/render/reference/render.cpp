@@ -1,5 +1,6 @@
 #include "common/render/reference/render.hpp"
 
+#include "common/render/cut_level.hpp"
 #include "common/render/reference/shading.hpp"
 
 #include <algorithm>
@@ -17,19 +18,23 @@ public:
                                     RenderControl& control) const override {
         Interrupt interrupt(control.stop);
         Tracer tracer(model_, settings, control, interrupt);
+        const Rgb light = all_light(model_.scene->world);
         for (std::size_t i = 0; i < block.x.size(); ++i) {
             const std::uint64_t rays_before = tracer.rays().traced();
             const std::optional<Rgb> rgb = tracer.radiance(block.x[i], block.y[i]);
             if (!rgb)
                 return interrupt.error();
-            for (glm::length_t c = 0; c < 3; ++c)
+            const Rgb cut = tracer.given_up() * light;
+            for (glm::length_t c = 0; c < 3; ++c) {
                 block.rgb[3 * i + static_cast<std::size_t>(c)] = (*rgb)[c];
+                if (!block.cut.empty())
+                    block.cut[3 * i + static_cast<std::size_t>(c)] = cut[c];
+            }
             const std::uint64_t rays = tracer.rays().traced() - rays_before;
             block.rays[i] = static_cast<std::uint32_t>(std::min<std::uint64_t>(rays, UINT32_MAX));
             tracer.report_rays();
         }
         std::ranges::fill(block.lost, 0.0); // not known
-        std::ranges::fill(block.cut, 0.0);
         // Nor is what they met: so no two places have met the same.
         for (std::size_t i = 0; i < block.paths.size(); ++i)
             block.paths[i] = std::bit_cast<std::uint64_t>(block.x[i]) * 0x9e3779b97f4a7c15 +

@@ -36,6 +36,7 @@ std::optional<Rgb> Tracer::radiance(double x, double y) {
     interrupt_.poll();
     if (interrupt_.raised())
         return std::nullopt;
+    given_up_ = {};
     const Rgb light = light_along({.ray = model_.camera.ray(x, y), .depth = settings_.depth});
     return interrupt_.raised() ? std::nullopt : std::optional(light);
 }
@@ -57,8 +58,18 @@ bool Tracer::below_cut(const Rgb& c) const {
     return !(c.x > cut_.x) && !(c.y > cut_.y) && !(c.z > cut_.z);
 }
 
-bool Tracer::goes_on(const Path& path) const {
-    return path.depth > 0 && !below_cut(path.coefficient);
+bool Tracer::goes_on(const Path& path) {
+    if (path.depth == 0)
+        return false;
+    const bool below = below_cut(path.coefficient);
+    if (below)
+        give_up(path.coefficient);
+    return !below;
+}
+
+void Tracer::give_up(const Rgb& coefficient) {
+    for (glm::length_t c = 0; c < 3; ++c)
+        given_up_[c] += coefficient[c] > 0 ? coefficient[c] : 0;
 }
 
 // Raja's recursion light(ray) = (local + light(refracted)) + light(reflected), with a stack of our
@@ -142,8 +153,11 @@ Tracer::Bounce Tracer::bounce(const Path& path) {
 void Tracer::transmit(const Incidence& at, const Path& path, Rgb& krg,
                       std::optional<Path>& refracted) {
     const Rgb& ktg = at.texture.ktg;
-    if (below_cut(ktg * path.coefficient))
+    if (below_cut(ktg * path.coefficient)) {
+        if (path.depth > 1)
+            give_up(ktg * path.coefficient);
         return;
+    }
     const Point& p = at.hit.surface.point;
     const std::optional<Refraction> refraction =
         refract({.dir = at.dir,

@@ -30,6 +30,8 @@ public:
     /// Adds the rays since the last report to the control's counter.
     void report_rays();
 
+    /// Of the last radiance(), the weight of the paths below the cut level.
+    [[nodiscard]] const Rgb& given_up() const { return given_up_; }
     [[nodiscard]] const RayCounts& rays() const { return rays_; }
 
 private:
@@ -62,7 +64,8 @@ private:
     Rgb light_from(const Vec3& to_light, double distance, const Rgb& light, const Incidence&);
     void transmit(const Incidence&, const Path&, Rgb& krg, std::optional<Path>& refracted);
     [[nodiscard]] bool below_cut(const Rgb& coefficient) const;
-    [[nodiscard]] bool goes_on(const Path& path) const;
+    [[nodiscard]] bool goes_on(const Path& path);
+    void give_up(const Rgb& coefficient);
     void count(std::uint64_t RayCounts::*kind);
 
     const Model& model_;
@@ -70,7 +73,7 @@ private:
     RenderControl& control_;
     Interrupt& interrupt_;
     SolidSearch solids_;
-    Rgb cut_{};
+    Rgb cut_{}, given_up_{};
     RayCounts rays_;
     std::uint64_t unreported_rays_ = 0;
     std::vector<OpenBounce> open_;

@@ -129,10 +129,13 @@ double PixelSamples::error(const BaseSamples& around) const {
     const double noise = reported_factor * std::sqrt(visible_mean(variance_of_mean_));
     const double n = count_;
     return std::sqrt(square(around.one_path ? std::min(noise, spread() / n) : noise) +
-                     square(light_of_a_ray * cut_ / n));
+                     square(cut()));
 }
 
-/// The samples' standard deviation.
+double PixelSamples::cut() const {
+    return light_of_a_ray * cut_ / count_;
+}
+
 double PixelSamples::spread() const {
     const double n = count_;
     const std::array<double, 3> mean = this->mean();

@@ -47,10 +47,13 @@ public:
     [[nodiscard]] double bound(const BaseSamples& around) const;
     /// What it is thought to be.
     [[nodiscard]] double error(const BaseSamples& around) const;
+    /// The samples' standard deviation, of what can be seen.
+    [[nodiscard]] double spread() const;
+    /// The light that rays below the cut level are thought to have been.
+    [[nodiscard]] double cut() const;
 
 private:
     [[nodiscard]] double variance_between_quarters(std::size_t c) const;
-    [[nodiscard]] double spread() const;
     [[nodiscard]] double visible_mean(const std::array<double, 3>& variances) const;
 
     std::array<std::array<double, 3>, 4> quarters_{}; ///< sums

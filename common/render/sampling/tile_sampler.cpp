@@ -90,23 +90,19 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
         double rgb[3] = {};
     };
     std::vector<Sum> sums(rect.pixel_count());
-    std::vector<double> squares(settings.squares ? rect.pixel_count() : 0);
-    const bool estimates = settings.estimates() && settings.depth > 0;
-    std::vector<PixelSamples> judged(estimates ? rect.pixel_count() : 0,
+    const bool judges = settings.estimates() || settings.pass;
+    std::vector<PixelSamples> judged(judges && settings.depth > 0 ? rect.pixel_count() : 0,
                                      PixelSamples(settings.spp));
     Losses losses(rect.pixel_count(), settings.truncation);
     SampleQueue queue(scene, settings, rect, control);
-    queue.set_extras({.lost = settings.truncation, .cut = settings.estimates()});
+    queue.set_extras({.lost = settings.truncation, .cut = judges});
     std::uint64_t skipped_pixels = 0;
     const auto collect = [&](const PixelRun& run) {
         skipped_pixels += queue.skipped() && run.first == settings.first_sample;
         double* const sum = sums[run.pixel].rgb;
         for (std::size_t i = 0; i < run.rgb.size(); i += 3)
             sum[0] += run.rgb[i], sum[1] += run.rgb[i + 1], sum[2] += run.rgb[i + 2];
-        if (settings.squares)
-            for (const double component : run.rgb)
-                squares[run.pixel] += component * component;
-        if (estimates)
+        if (!judged.empty())
             judged[run.pixel].add(run.rgb, run.cut);
         losses.add(run, queue.budget_spent());
     };
@@ -127,17 +123,25 @@ Result<RenderedTile> draw_uniform(const CompiledScene& scene, const RenderSettin
     for (const Sum& sum : sums)
         for (const double component : sum.rgb)
             *to++ = as_float(component * weight);
-    for (const double sum : squares)
-        result.tile.squares.push_back(as_float(sum * weight / 3));
     if (settings.estimates()) {
         result.tile.samples.assign(sums.size(), static_cast<float>(settings.spp));
         result.tile.error.assign(sums.size(), 0.0F);
+    }
+    if (settings.pass) {
+        result.tile.variance.assign(sums.size(), 0.0F);
+        result.tile.cut.assign(sums.size(), 0.0F);
     }
     BaseSamples unknown; // what is around
     unknown.one_path = false;
     for (std::size_t i = 0; i < judged.size(); ++i) {
         judged[i].judge();
-        result.tile.error[i] = as_float(judged[i].error(unknown));
+        if (settings.pass) {
+            const double spread = judged[i].spread();
+            result.tile.variance[i] = as_float(spread * spread);
+            result.tile.cut[i] = as_float(judged[i].cut());
+        } else {
+            result.tile.error[i] = as_float(judged[i].error(unknown));
+        }
     }
     if (settings.truncation)
         for (std::size_t i = 0; i < sums.size(); ++i)

@@ -3,6 +3,7 @@
 #include "tests/support/seeds.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <doctest/doctest.h>
 
 namespace fraja {
@@ -15,7 +16,8 @@ const std::vector<std::uint32_t> samples{4, 4, 8};
 Tile half(std::uint32_t index, float value) {
     return {.rect = {2 * index, 0, 2, 2},
             .rgb = std::vector<float>(12, value),
-            .squares = std::vector<float>(4, value * value)};
+            .variance = std::vector<float>(4, 0),
+            .cut = std::vector<float>(4, 0)};
 }
 
 PassFilm film() {
@@ -63,8 +65,10 @@ TEST_CASE("the same passes give the same bits, in whatever order their tiles com
             Tile tile = half(i, 0);
             for (float& value : tile.rgb)
                 value = static_cast<float>(numbers.between(0, 1));
-            for (float& value : tile.squares)
-                value = static_cast<float>(numbers.between(0.5, 1));
+            for (float& value : tile.variance)
+                value = static_cast<float>(numbers.between(0, 0.2));
+            for (float& value : tile.cut)
+                value = static_cast<float>(numbers.between(0, 0.1));
             parts.push_back({pass, tile});
         }
     const auto drawn = [&] {
@@ -91,7 +95,7 @@ TEST_CASE("pixels whose samples agree have no error, others less with every pass
         Tile noisy = half(1, 0.5f); // half of its samples 0, half 1, more or less
         for (float& value : noisy.rgb)
             value += pass % 2 == 0 ? 0.01f : -0.01f;
-        std::ranges::fill(noisy.squares, 0.5f);
+        std::ranges::fill(noisy.variance, 0.25f);
         f.place(pass, noisy);
         f.place(pass, half(0, 0.5f));
         CHECK(f.film().error()[0] == 0);
@@ -99,6 +103,39 @@ TEST_CASE("pixels whose samples agree have no error, others less with every pass
         CHECK(f.film().error()[2] < last);
         last = f.film().error()[2];
     }
+}
+
+TEST_CASE("the samples' variance is that of all passes together, also far from 0") {
+    // Means of 1000 apart from 0, where sums of squares of floats would say nothing.
+    const auto error_of = [](float offset) {
+        PassFilm f = film();
+        for (std::uint32_t pass = 0; pass < 2; ++pass)
+            for (std::uint32_t i = 0; i < 2; ++i) {
+                Tile tile = half(i, 0.25f + (pass == 0 ? 0 : offset));
+                std::ranges::fill(tile.variance, 0.01f);
+                f.place(pass, tile);
+            }
+        return static_cast<double>(f.film().error()[0]);
+    };
+    // 4 samples of variance 0.01 twice: (3 * 0.01 + 3 * 0.01) / 7, N^1.5 = 8^1.5.
+    CHECK(error_of(0) == doctest::Approx(0.72 * std::sqrt(0.5 * 0.06 / 7 / std::pow(8, 1.5))));
+    CHECK(error_of(0.5f) > error_of(0.1f));
+    CHECK(error_of(0.1f) > error_of(0));
+    CHECK(error_of(2) == error_of(1000)); // above 1 nothing can be seen
+}
+
+TEST_CASE("light that was cut is an error that no pass makes less, and is told at once") {
+    PassFilm f = film();
+    for (std::uint32_t pass = 0; pass < 3; ++pass)
+        for (std::uint32_t i = 0; i < 2; ++i) {
+            Tile tile = half(i, 0.5f);
+            std::ranges::fill(tile.cut, pass == 2 ? 0.5f : 0.125f);
+            f.place(pass, tile);
+            if (i == 0 && pass == 0)
+                CHECK(f.film().error()[0] == 0.125f);
+            if (i == 1)
+                CHECK(f.film().error()[0] == (pass == 2 ? 0.3125f : 0.125f));
+        }
 }
 
 } // namespace

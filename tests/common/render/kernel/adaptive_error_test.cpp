@@ -77,12 +77,42 @@ TEST_CASE(
         b.scene.world.ambient_light = {};
         b.scene.world.background_light = {light, light, light};
         b.solid(Plane{{5, 0, 0}, {-1, 0, 0}}, mirror(0.9 * cut_at_1 / light));
-        const Film film = film_of(*compiled(b.scene), {.size = {4, 3}, .error = error});
-        CHECK(std::ranges::max(film.pixels()) == 0); // cut, all of it
-        const auto [least, most] = std::ranges::minmax(film.error());
-        CHECK(least == most);
-        CHECK(most == doctest::Approx(0.3 * 0.9 * cut_at_1));
+        for (const Kernel kernel : {Kernel::fast, Kernel::reference}) {
+            const auto scene = compiled(b.scene, kernel);
+            const Film film = film_of(*scene, {.size = {4, 3}, .error = error});
+            CHECK(std::ranges::max(film.pixels()) == 0); // cut, all of it
+            const auto [least, most] = std::ranges::minmax(film.error());
+            CHECK(least == most);
+            CHECK(most == doctest::Approx(0.3 * 0.9 * cut_at_1));
+        }
     }
+}
+
+TEST_CASE("a pass tells its samples' variance, and what was cut") {
+    SceneBuilder b;
+    b.scene.world.background_light = {1, 1, 1};
+    b.scene.world.ambient_light = {};
+    b.solid(Plane{{5, 0, 0}, {-1, 0, 0}}, mirror(0.9 / 765));
+    for (const Kernel kernel : {Kernel::fast, Kernel::reference}) {
+        RenderControl control;
+        const auto tile =
+            compiled(b.scene, kernel)
+                ->render_tile({.size = {4, 3}, .spp = 8, .pass = true}, {0, 0, 4, 3}, control)
+                .value()
+                .tile;
+        REQUIRE(tile.cut.size() == 12);
+        CHECK(std::ranges::count(tile.variance, 0.0F) == 12);
+        CHECK(std::ranges::min(tile.cut) == doctest::Approx(0.3 * 0.9 / 765));
+        CHECK(tile.samples.empty());
+    }
+    RenderControl control;
+    const auto tile =
+        compiled(edges())
+            ->render_tile({.size = {24, 18}, .spp = 8, .pass = true}, {0, 0, 24, 18}, control)
+            .value()
+            .tile;
+    CHECK(std::ranges::max(tile.variance) > 0.01F);
+    CHECK(std::ranges::min(tile.variance) >= 0);
 }
 
 TEST_CASE("where a colour has no light at all, nothing of it is missing") {

@@ -136,10 +136,10 @@ TEST_CASE("what is surely white has no error that is seen, in its colours") {
 TEST_CASE("the weight of rays that were cut is an error, and no reason for more samples") {
     const Values same = grey(Values(4, 0.5));
     const Values cut = {0, 0.02, 0.01, 0, 0, 0, 0.06, 0, 0, 0, 0, 0}; // most: 0.02, 0.06
-    CHECK(judged(same, cut).error(calm) == doctest::Approx(0.02));
+    CHECK(judged(same, cut).error(calm) == doctest::Approx(0.006));
     CHECK(judged(same, cut).bound(calm) == judged(same).bound(calm));
     const double noisy = judged(grey(few)).error(calm);
-    CHECK(judged(grey(few), cut).error(calm) == doctest::Approx(std::hypot(noisy, 0.02)));
+    CHECK(judged(grey(few), cut).error(calm) == doctest::Approx(std::hypot(noisy, 0.006)));
 }
 
 TEST_CASE("first samples have a contrast: of all colours that are not white throughout") {
