@@ -75,18 +75,18 @@ class PovRay:
     def can(self, scene, made):
         return made and shutil.which('povray')
     def rows(self, scene, path, size, depth, quick, folder, truth):
-        def draw(scale, *options):
-            words = ['povray', '+I' + path.replace('.raj', '.pov'), '+BM2', '+W%d' % (scale * size[0]), '+H%d' % (scale * size[1]),
+        def draw(extent, *options):
+            words = ['povray', '+I' + path.replace('.raj', '.pov'), '+BM2', '+W%d' % extent[0], '+H%d' % extent[1],
                      '+WT1', '-D', '+FN16', 'File_Gamma=1.0', '+Oout.png', *options]
             return harness.user_seconds(words, folder), png_samples(os.path.join(folder, 'out.png'))
-        start = min(draw(1, '-A', '+SR1', '+ER1')[0] for _ in range(3)) # of one row
+        start = min(draw((8, 8), '-A')[0] for _ in range(3))
         # Method 1 with a threshold of 0 supersamples where neighbours differ at all; more than 9 x 9 it does not.
         scale = 2 if quick else 3
-        own = shrunk(draw(scale, '+AM1', '+A0.00', '+R9', '-J')[1], size[0], scale)
+        own = shrunk(draw((scale * size[0], scale * size[1]), '+AM1', '+A0.00', '+R9', '-J')[1], size[0], scale)
         settings = [['-A']] + [['+AM1', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (3, 5, 9) for a in (.1, .03, 0)]
         settings += [['+AM2', '+A%.2f' % a, '+R%d' % r, '-J'] for r in (3, 4) for a in (.1, .03, 0)]
         for s in settings[:4] if quick else settings:
-            seconds, picture = draw(1, *s)
+            seconds, picture = draw(size, *s)
             yield row_of(scene, self.name, ' '.join(s), seconds - start, picture, own)
 
 class Tachyon:

@@ -164,6 +164,8 @@ Truth truth_of(const CompiledScene& scene, const Options& o) {
     return truth;
 }
 
+constexpr double too_long_s = 60; ///< for a picture: a method's range ends there
+
 /// Whether another setting, with more samples, is worth its time.
 bool print_run(const Options& o, const char* method, const std::string& setting, const Drawn& drawn,
                const Truth& truth) {
@@ -187,7 +189,6 @@ bool print_run(const Options& o, const char* method, const std::string& setting,
                 drawn.user_s, rmse, *std::max_element(errors.begin(), errors.end()), *at_999,
                 static_cast<double>(off) / count);
     std::fflush(stdout);
-    constexpr double too_long_s = 60;
     return rmse > 2 * truth.error && drawn.user_s < too_long_s;
 }
 
@@ -243,13 +244,14 @@ int run(const Options& o) {
         s.error = error, s.max_samples = 65'536;
         const Drawn drawn = draw(with_settings(*compiled, s), s.size, 1, Film::Keeps::estimates);
         print_kept(o, error, drawn, truth);
-        return print_run(o, "adaptive", text_of(error), drawn, truth);
+        print_run(o, "adaptive", text_of(error), drawn, truth);
+        return drawn.user_s < too_long_s; // and whatever the truth's error is
     };
     const std::uint32_t sides = o.quick ? 4 : 32;
     render("grid", "0", [](RenderSettings&) {}); // the first run also warms up
     for (const double error : {16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25})
-        if (error >= (o.quick ? 2 : 0.25))
-            adaptive(error);
+        if (error < (o.quick ? 2 : 0.25) || !adaptive(error))
+            break;
     if (o.adaptive_only)
         return 0;
     constexpr std::array grids = {2u, 3u, 4u, 6u, 8u, 12u, 16u, 24u, 32u};

@@ -110,8 +110,9 @@ def report(rows, kept, truths, left_out, scenes, command):
                 figures = [cost(rows, scene, method, column, error) for method, _ in METHODS]
                 ratios = [ratio(rows, scene, method, column, error) for method in ('grid', 'sobol-owen')]
                 body.append([scene] + ['%.3g' % f if f else '-' for f in figures] + ['%.2f' % r if r else '-' for r in ratios])
-            lines += ['## To an RMS error of %g: %s' % (error, what), ''] + table(
-                ['scene'] + [title for _, title in METHODS] + ['grid : adaptive', 'Sobol-Owen : adaptive'], body)
+            if body:
+                lines += ['## To an RMS error of %g: %s' % (error, what), ''] + table(
+                    ['scene'] + [title for _, title in METHODS] + ['grid : adaptive', 'Sobol-Owen : adaptive'], body)
     lines += ['## The error that was asked for, and the one there is', '', 'In 8-bit levels; `refined` and `halo` are shares of pixels and samples.', '']
     lines += table(KEPT_HEADER, kept)
     lines += ['## The converged pictures\' own error', ''] + table(['scene', 'rmse'], truths)
