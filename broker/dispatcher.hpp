@@ -65,6 +65,7 @@ private:
     /// A tile at a worker. It takes up credit until the worker answers, also when it is cancelled.
     struct Grant {
         Instant granted_at, progress_at;
+        std::uint64_t number = 0; ///< counts the session's tiles, from 0
         std::uint64_t rays = 0;
         bool cancelled = false;
     };
@@ -74,7 +75,7 @@ private:
         Instant heard_at;
         std::map<GrantKey, Grant> grants;
         std::optional<std::uint64_t> load; ///< its key in free_workers_, while it is there
-        std::uint64_t tiles_done = 0;
+        std::uint64_t tiles_sent = 0, tiles_done = 0;
         protocol::Rays rays;
     };
     struct ClientSession {
@@ -94,7 +95,7 @@ private:
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     enum class Departure { said_goodbye, lost, replaced };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
-    void end_client(const PeerId& peer);
+    void end_client(const PeerId& peer, Departure departure);
     void drop_silent_peers();
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
@@ -105,6 +106,7 @@ private:
     objection(const protocol::SubmitJob& submission) const;
     void ask_for_scene(Job& job);
     void give_up_scene(Job& job, const std::string& why);
+    void ask_others_for_scene(const ContentHash& scene);
     void give_up_scenes_that_do_not_come();
     void take_chunk(const PeerId& peer, const protocol::Chunk& chunk);
     void give_chunk(const PeerId& peer, const protocol::NeedChunk& need);

@@ -125,6 +125,11 @@ void Dispatcher::ask_for_scene(Job& job) {
 void Dispatcher::give_up_scene(Job& job, const std::string& why) {
     const ContentHash scene = job.submission().scene;
     end_job(job, JobPhase::failed, why);
+    ask_others_for_scene(scene);
+}
+
+/// One of those who are here and wait for it, too.
+void Dispatcher::ask_others_for_scene(const ContentHash& scene) {
     const auto heir = std::ranges::find_if(jobs_, [&](const auto& entry) {
         const Job& other = entry.second;
         return other.phase == JobPhase::waiting_for_scene && other.submission().scene == scene &&

@@ -41,7 +41,7 @@ void Dispatcher::on(const PeerSpokeRubbish& event) {
 void Dispatcher::on(const PeerUnreachable& event) {
     if (const auto worker = workers_.find(event.peer); worker != workers_.end())
         end_worker(worker, Departure::lost, "its connection is gone or full");
-    end_client(event.peer);
+    end_client(event.peer, Departure::lost);
 }
 
 void Dispatcher::on(const PeerSaid& event) {
@@ -79,7 +79,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     }
     if (const auto same_peer = workers_.find(peer); same_peer != workers_.end())
         end_worker(same_peer, Departure::replaced, "its connection says to be another worker");
-    end_client(peer);
+    end_client(peer, Departure::replaced);
     if (workers_.size() >= limits_.workers_max)
         return refuse(peer, RefusalCode::limit_exceeded,
                       "this broker takes " + std::to_string(limits_.workers_max) + " workers");
@@ -94,7 +94,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
                             " is here: " + std::to_string(hello.threads) + " thread(s), credit " +
                             std::to_string(hello.credit) + ", version " + hello.program_version);
     send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version)});
+                       identity_.stream, std::string(fraja::version), hello.incarnation});
 }
 
 void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
@@ -105,7 +105,7 @@ void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
                       "this broker takes " + std::to_string(limits_.clients_max) + " clients");
     clients_[peer] = ClientSession{hello.client_name, now_};
     send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version)});
+                       identity_.stream, std::string(fraja::version), 0});
 }
 
 void Dispatcher::from_worker(const PeerId& peer, WorkerSession& worker, const Message& message) {
@@ -136,7 +136,7 @@ void Dispatcher::from_client(const PeerId& peer, const Message& message) {
     if (std::holds_alternative<Beat>(message))
         return send(peer, Beat{});
     if (std::holds_alternative<Goodbye>(message))
-        return end_client(peer);
+        return end_client(peer, Departure::said_goodbye);
     ++counters_.unexpected;
     refuse(peer, RefusalCode::unexpected,
            "a client does not send " + std::string(name_of(message)));
@@ -160,14 +160,14 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
             grant->second.progress_at = now_;
         }
     }
-    // What it should have had for two beats and does not name was lost on the way.
+    // What it has received and does not name any more, though its answer has not come, was lost.
     std::vector<GrantKey> lost;
     for (const auto& [key, grant] : worker.grants)
-        if (!listed.contains(key) && now_ - grant.granted_at > 2 * limits_.heartbeat)
+        if (!listed.contains(key) && grant.number < beat.tiles_received)
             lost.push_back(key);
     for (const GrantKey& key : lost) {
         worker.grants.erase(key);
-        take_back(peer, key, false, worker, "the worker never got it");
+        take_back(peer, key, false, worker, "the worker has it no more");
     }
     update_load(peer, worker);
     send(peer, Beat{});
@@ -201,7 +201,8 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
     }
 }
 
-void Dispatcher::end_client(const PeerId& peer) {
+/// The scenes that it was sending: whoever is lost may come back by another connection.
+void Dispatcher::end_client(const PeerId& peer, Departure departure) {
     if (clients_.erase(peer) == 0)
         return;
     std::vector<JobId> orphans;
@@ -209,7 +210,10 @@ void Dispatcher::end_client(const PeerId& peer) {
         if (job.phase == JobPhase::waiting_for_scene && job.client() == peer)
             orphans.push_back(id);
     for (const JobId& id : orphans)
-        give_up_scene(jobs_.at(id), "the client left before it had sent the scene");
+        if (departure == Departure::lost)
+            ask_others_for_scene(jobs_.at(id).submission().scene);
+        else
+            give_up_scene(jobs_.at(id), "the client left before it had sent the scene");
 }
 
 void Dispatcher::drop_silent_peers() {
@@ -225,7 +229,7 @@ void Dispatcher::drop_silent_peers() {
         end_worker(workers_.find(peer), Departure::lost,
                    "silent for " + std::to_string(limits_.liveness) + " beats");
     for (const PeerId& peer : silent_clients)
-        end_client(peer);
+        end_client(peer, Departure::lost);
 }
 
 } // namespace fraja::broker

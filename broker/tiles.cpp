@@ -83,8 +83,9 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
         return false;
     const AttemptNumber attempt = job.attempt(*tile);
     FRAJA_ASSERT(worker.grants.size() < worker.credit);
-    worker.grants.emplace(GrantKey{job.id(), *tile, attempt},
-                          Grant{.granted_at = now_, .progress_at = now_});
+    worker.grants.emplace(
+        GrantKey{job.id(), *tile, attempt},
+        Grant{.granted_at = now_, .progress_at = now_, .number = worker.tiles_sent++});
     update_load(peer, worker);
     if (!job.has_pending())
         ready_.erase(job.id());

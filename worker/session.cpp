@@ -118,9 +118,14 @@ void Session::on(Turn& turn, const Undecodable& event) {
 }
 
 void Session::on_message(Turn& turn, const protocol::Welcome& message) {
-    // A Welcome to an open session answers an earlier hello that was slow: the broker has replaced
-    // that session and requeued its tiles.
+    if (message.incarnation != incarnation_) {
+        // It answers an earlier hello: the session that it opens ends when the broker hears the
+        // last one.
+        turn.log(LogLevel::debug, "a Welcome to an earlier hello");
+        return;
+    }
     drop_tiles(turn);
+    tiles_received_ = 0;
     if (!is_connected())
         turn.log(LogLevel::info, "connected: broker " + to_string(message.broker).substr(0, 8) +
                                      ", version " + message.program_version);
@@ -202,6 +207,7 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         turn.log(LogLevel::debug, name_of(message) + " came without a session");
         return;
     }
+    ++tiles_received_;
     if (find_tile(message.job, message.tile, message.attempt) != tiles_.end()) {
         count_oddity(turn, name_of(message) + " came twice");
         return;
@@ -384,7 +390,8 @@ void Session::hello(Turn& turn) {
 
 void Session::beat(Turn& turn) {
     protocol::WorkerBeat message{.credit = state_ == State::draining ? 0 : credit(),
-                                 .in_flight = {}};
+                                 .in_flight = {},
+                                 .tiles_received = tiles_received_};
     for (const auto& [ticket, tile] : tiles_)
         message.in_flight.push_back(
             {tile.order.job, tile.order.tile, tile.order.attempt, tile.rays});

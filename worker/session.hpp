@@ -242,6 +242,7 @@ private:
     Instant leave_by_ = Instant::never();               // draining, with no tile left
 
     std::uint64_t tickets_ = 0;
+    std::uint64_t tiles_received_ = 0; // in this session
     Tiles tiles_;
     SceneShelf shelf_;
 

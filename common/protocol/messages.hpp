@@ -161,13 +161,15 @@ struct Welcome {
     std::uint32_t liveness = 0;
     std::string stream;
     std::string program_version;
+    std::uint64_t incarnation = 0;
     friend bool operator==(const Welcome&, const Welcome&) = default;
     static constexpr auto fields() {
         using T = Welcome;
         return std::tuple{
-            Field{"broker", &T::broker},       Field{"epoch", &T::epoch},
-            Field{"heartbeat", &T::heartbeat}, Field{"liveness", &T::liveness},
-            Field{"stream", &T::stream},       Field{"program_version", &T::program_version}};
+            Field{"broker", &T::broker},          Field{"epoch", &T::epoch},
+            Field{"heartbeat", &T::heartbeat},    Field{"liveness", &T::liveness},
+            Field{"stream", &T::stream},          Field{"program_version", &T::program_version},
+            Field{"incarnation", &T::incarnation}};
     }
 };
 
@@ -196,10 +198,12 @@ struct WorkerBeat {
     static constexpr std::string_view name = "WorkerBeat";
     std::uint32_t credit = 0;
     std::vector<TileInFlight> in_flight;
+    std::uint64_t tiles_received = 0;
     friend bool operator==(const WorkerBeat&, const WorkerBeat&) = default;
     static constexpr auto fields() {
         return std::tuple{Field{"credit", &WorkerBeat::credit},
-                          Field{"in_flight", &WorkerBeat::in_flight}};
+                          Field{"in_flight", &WorkerBeat::in_flight},
+                          Field{"tiles_received", &WorkerBeat::tiles_received}};
     }
 };
 

@@ -107,7 +107,7 @@ public:
     }
     void beat(const PeerId& peer, std::uint32_t credit,
               const std::vector<protocol::RenderTile>& tiles, std::uint64_t rays = 0) {
-        protocol::WorkerBeat beat{credit, {}};
+        protocol::WorkerBeat beat{credit, {}, received[peer]};
         for (const auto& t : tiles)
             beat.in_flight.push_back({t.job, t.tile, t.attempt, rays});
         say(peer, beat);
@@ -159,6 +159,7 @@ public:
     Instant now{std::chrono::hours(1)};
     Dispatcher dispatcher;
     std::map<PeerId, std::vector<protocol::Message>> sent;
+    std::map<PeerId, std::uint64_t> received; ///< tiles, by the workers' account
     std::vector<Publish> stream;
     std::vector<Log> logs;
 
@@ -169,6 +170,11 @@ private:
             (void)protocol::encode(message->message);
         if (const auto* message = std::get_if<Publish>(&action))
             (void)protocol::encode(message->message);
+        if (const auto* send = std::get_if<Send>(&action)) {
+            if (std::holds_alternative<protocol::Welcome>(send->message))
+                received[send->peer] = 0;
+            received[send->peer] += std::holds_alternative<protocol::RenderTile>(send->message);
+        }
         if (auto* send = std::get_if<Send>(&action))
             sent[send->peer].push_back(std::move(send->message));
         else if (auto* publish = std::get_if<Publish>(&action))

@@ -192,7 +192,7 @@ TEST_CASE("a tile that traces no ray within the lease is given to another and it
     for (Duration t{}; t < 61s; t += 900ms) {
         farm.pass(900ms);
         farm.beat("stuck", 1, tile, 5);
-        farm.beat("fresh", 1, {});
+        farm.beat("fresh", 1, farm.all<RenderTile>("fresh"));
     }
     CHECK(farm.all<CancelTile>("stuck").size() == 1);
     const auto again = farm.tiles("fresh");
@@ -216,18 +216,52 @@ TEST_CASE("a slow tile that makes progress keeps its lease") {
     CHECK_FALSE(farm.heard<CancelTile>("slow"));
 }
 
-TEST_CASE("a tile that the worker never got is sent again") {
+TEST_CASE("a client that is lost before its scene has come may come back with it") {
+    Farm farm;
+    const SubmitJob job = Farm::picture(1, 1);
+    farm.client_arrives("c");
+    farm.say("c", job);
+    CHECK(farm.heard<NeedChunk>("c"));
+    farm.event(PeerUnreachable{"c"});
+    CHECK(farm.state(job.job).phase == JobPhase::waiting_for_scene);
+    farm.client_arrives("again");
+    farm.say("again", job);
+    REQUIRE(farm.heard<NeedChunk>("again"));
+    farm.say("again", Farm::scene_chunk());
+    CHECK(farm.state(job.job).phase == JobPhase::queued);
+    // One that does not come back is waited for as long as any scene is.
+    SubmitJob other = Farm::picture(2, 1);
+    other.scene.bytes[0] ^= 1;
+    farm.say("again", other);
+    farm.event(PeerUnreachable{"again"});
+    farm.pass(farm.limits.scene_patience + 1s);
+    CHECK(farm.state(other.job).phase == JobPhase::failed);
+}
+
+TEST_CASE("a tile that the worker has received and names no more is sent again") {
     Farm farm;
     farm.submit(1, 1);
     farm.worker_arrives("w", 1, 1, 1);
-    REQUIRE(farm.tiles("w").size() == 1); // and the network loses it
-    for (int i = 0; i < 4; ++i) {
-        farm.pass(900ms);
-        farm.beat("w", 1, {});
-    }
+    REQUIRE(farm.tiles("w").size() == 1);
+    farm.beat("w", 1, {});
     const auto again = farm.tiles("w");
     REQUIRE(again.size() == 1);
     CHECK(again[0].attempt == AttemptNumber{2});
+}
+
+TEST_CASE("a tile that is still on its way to the worker is not lost, however long that takes") {
+    Farm farm;
+    farm.submit(1, 2);
+    farm.worker_arrives("w", 1, 1, 2);
+    const auto tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 2);
+    for (int i = 0; i < 20; ++i) {
+        farm.pass(900ms);
+        farm.received["w"] = i < 10 ? 0 : 1;
+        farm.beat("w", 2, i < 10 ? std::vector<RenderTile>{} : std::vector{tiles[0]});
+    }
+    CHECK(farm.tiles("w").empty());
+    CHECK(farm.dispatcher.counters().tiles_requeued == 0);
 }
 
 TEST_CASE("a worker that cancels what nobody asked it to fails the tile in the end") {

@@ -75,11 +75,20 @@ public:
         : session(std::move(identity), limits) {}
 
     /// The actions of one step, and of the Tick that it makes due.
-    std::vector<Action> step(const Event& event) {
+    /// A Welcome without an incarnation answers the last hello.
+    std::vector<Action> step(Event event) {
+        if (auto* received = std::get_if<Received>(&event))
+            if (auto* welcome = std::get_if<protocol::Welcome>(&received->message);
+                welcome && welcome->incarnation == 0)
+                welcome->incarnation = incarnation;
         std::vector<Action> actions;
         session.step(now, event, actions);
         if (session.next_deadline() <= now)
             session.step(now, Tick{}, actions);
+        for (const Action& action : actions)
+            if (const auto* send = std::get_if<Send>(&action))
+                if (const auto* hello = std::get_if<protocol::WorkerHello>(&send->message))
+                    incarnation = hello->incarnation;
         return actions;
     }
     std::vector<Action> receive(protocol::Message message) {
@@ -108,6 +117,7 @@ public:
     }
 
     Instant now{std::chrono::hours(1)};
+    std::uint64_t incarnation = 0; ///< of the last hello
     Session session;
 };
 

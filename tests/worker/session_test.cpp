@@ -361,6 +361,24 @@ TEST_CASE("a Welcome to a session that is open means that it was replaced") {
     CHECK(of_type<Send>(actions).empty());
 }
 
+TEST_CASE("a Welcome to an earlier hello opens nothing, and its tiles are not taken") {
+    SessionDriver driver;
+    const TestScene scene(10);
+    (void)driver.step(Tick{});
+    CHECK(sent<WorkerHello>(driver.pass(2s)).size() == 1);
+    CHECK(driver.incarnation == 2);
+    Welcome late = welcome();
+    late.incarnation = 1;
+    CHECK(of_type<Send>(driver.receive(late)).empty());
+    CHECK(of_type<Send>(driver.receive(order(scene, 1))).empty());
+    (void)driver.receive(welcome());
+    CHECK(sent<NeedChunk>(driver.receive(order(scene, 1))).size() == 1);
+    const auto beats = sent<WorkerBeat>(driver.pass(1s));
+    REQUIRE(beats.size() == 1);
+    CHECK(beats[0].tiles_received == 1);
+    CHECK(beats[0].in_flight.size() == 1);
+}
+
 TEST_CASE("a broker of another version ends the worker") {
     SUBCASE("refused in our version") {
         SessionDriver driver;

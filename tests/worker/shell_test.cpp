@@ -106,7 +106,8 @@ Welcome quick_welcome() {
             .heartbeat = 50ms,
             .liveness = 100,
             .stream = "",
-            .program_version = "0"};
+            .program_version = "0",
+            .incarnation = 1};
 }
 
 RenderTile order(const Bytes& scene, std::uint32_t tile) {
