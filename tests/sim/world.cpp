@@ -2,11 +2,8 @@
 
 #include "broker/dispatcher.hpp"
 #include "client/submission.hpp"
-#include "common/base/assert.hpp"
 #include "common/base/rng.hpp"
-#include "common/protocol/codec.hpp"
 #include "common/protocol/content_hash.hpp"
-#include "common/protocol/topics.hpp"
 #include "worker/session.hpp"
 
 #include <algorithm>
@@ -14,9 +11,10 @@
 #include <deque>
 #include <map>
 #include <memory>
-#include <optional>
 #include <queue>
 #include <set>
+#include <string>
+#include <tuple>
 #include <utility>
 #include <variant>
 
@@ -158,6 +156,8 @@ private:
         std::deque<std::function<void()>> backlog; ///< of what came since
         std::uint64_t wake = 0;                    ///< the last planned one counts
         Line line;
+        std::function<void(const protocol::Message&)> hear; ///< from the broker
+        std::function<void()> reconnected; ///< its socket has found the broker again by itself
     };
     /// Whatever comes to a process that stands still waits, in order.
     void in_process(Process& process, std::function<void()> deed) {
@@ -213,7 +213,13 @@ private:
         process.line.up = false;
         ++process.line.generation;
     }
-    /// Whether it left. `deed` happens at the broker.
+    void break_line(Process& process) {
+        if (!process.running)
+            return;
+        disconnect(process);
+        connect(process, process.reconnected);
+    }
+    /// Whether it left.
     bool to_broker(Process& process, protocol::Message message) {
         if (!process.line.up)
             return false;
@@ -281,7 +287,7 @@ private:
         at(arrival(process.line, process.line.to_node),
            [this, &process, generation, message = std::move(send.message)]() mutable {
                if (process.line.generation == generation && process.line.up)
-                   in_process(process, [this, &process, message] { hear(process, message); });
+                   in_process(process, [&process, message] { process.hear(message); });
            });
     }
     void perform(const broker::Publish& publish) {
@@ -321,8 +327,8 @@ private:
         std::unique_ptr<worker::Session> session;
         std::deque<protocol::Message> outbox;
         std::deque<worker::StartTile> waiting;
-        std::map<worker::Ticket, std::uint64_t> running; ///< render threads' tiles, by ticket
-        std::map<ContentHash, bool> scenes;
+        std::set<worker::Ticket> running; ///< what the render threads are at
+        std::set<ContentHash> scenes;     ///< compiled
     };
     void start_worker(std::size_t i) {
         Worker& worker = workers_[i];
@@ -341,7 +347,13 @@ private:
                                                                scenario_.workers[i].threads,
                                                                {}},
                                               limits);
-        connect(worker.process, [this, &worker] { flush(worker); });
+        worker.process.hear = [this, &worker](const protocol::Message& message) {
+            step(worker, worker::Received{message});
+        };
+        worker.process.reconnected = [this, &worker] {
+            in_process(worker.process, [this, &worker] { flush(worker); });
+        };
+        connect(worker.process, worker.process.reconnected);
         step(worker, worker::Tick{});
     }
     void crash(Worker& worker) {
@@ -362,7 +374,7 @@ private:
         flush(worker);
         wake(worker.process, worker.session->next_deadline(), [this, &worker] {
             worker::Tick tick;
-            for (const auto& [ticket, begun] : worker.running)
+            for (const worker::Ticket ticket : worker.running)
                 tick.progress.push_back({ticket, ++progress_});
             step(worker, tick);
         });
@@ -390,7 +402,7 @@ private:
                 if (!whole)
                     return step(worker, worker::SceneFailed{
                                             scene, {ErrorCode::invalid_scene, "another hash"}});
-                worker.scenes[scene] = true;
+                worker.scenes.insert(scene);
                 step(worker, worker::SceneCompiled{scene});
             });
         });
@@ -409,7 +421,7 @@ private:
             const Duration cost = cost_of(tile.scene, tile.rect);
             const Duration time(
                 static_cast<Duration::rep>(static_cast<double>(cost.count()) / plan.speed));
-            worker.running[tile.ticket] = 0;
+            worker.running.insert(tile.ticket);
             const std::uint64_t life = worker.process.life;
             after(time, [this, &worker, life, tile, time] {
                 if (worker.process.life != life)
@@ -464,6 +476,9 @@ private:
         client.index = i;
         client.process.running = true;
         ++client.process.life;
+        client.process.hear = [this, &client](const protocol::Message& message) {
+            step(client, client::FromBroker{message});
+        };
         Bytes scene(plan.scene_bytes);
         for (std::size_t b = 0; b < scene.size(); ++b)
             scene[b] = static_cast<std::byte>(b * 7 + i + b / 251);
@@ -533,10 +548,9 @@ private:
     }
     bool perform(Client& client, const client::News& news) {
         JobReport& report = report_.jobs[client.index];
-        if (const auto* accepted = std::get_if<client::Accepted>(&news)) {
+        if (std::holds_alternative<client::Accepted>(news)) {
             report.acknowledged = true;
             client.tiles.clear(); // those of a job that was submitted again come again
-            (void)accepted;
         } else if (const auto* tile = std::get_if<client::TileArrived>(&news)) {
             take(client, tile->tile);
         } else if (const auto* finished = std::get_if<client::Finished>(&news)) {
@@ -546,6 +560,7 @@ private:
             else
                 report.outcome = finished->outcome.reason;
             disconnect(client.process);
+            end_life(client.process);
         }
         return true;
     }
@@ -592,29 +607,6 @@ private:
                     in_process(broker_,
                                [this, topic] { step_broker(broker::TopicUnsubscribed{topic}); });
             });
-    }
-
-    // ------------------------------------------------------------------------------- both sides
-    void hear(Process& process, const protocol::Message& message) {
-        for (Worker& worker : workers_)
-            if (&worker.process == &process)
-                return step(worker, worker::Received{message});
-        for (Client& client : clients_)
-            if (&client.process == &process)
-                return step(client, client::FromBroker{message});
-    }
-    void break_line(Process& process) {
-        if (!process.running)
-            return;
-        disconnect(process);
-        for (Worker& worker : workers_)
-            if (&worker.process == &process)
-                return connect(process, [this, &worker] {
-                    in_process(worker.process, [this, &worker] { flush(worker); });
-                });
-        for (Client& client : clients_)
-            if (&client.process == &process && !client.over)
-                return connect(process);
     }
 
     // -------------------------------------------------------------------------------- accidents

@@ -94,15 +94,15 @@ def marks(rows, kept, scenes):
     return lines
 
 # ------------------------------------------------------------------------------------------------ report
-def report(rows, kept, truths, left_out, scenes, command):
-    """The page, as lines of Markdown."""
+def report(rows, kept, truths, left_out, scenes, found, command):
+    """The page, as lines of Markdown; `found`: the marks."""
     lines = ['# Run time against error', '', 'One thread; user seconds; RMS error over pixels and colours, linear, of 1, that of colours limited to 0..1. '
              'Made by `%s`.' % command, '',
              'Errors are those to a converged picture of 4096 samples per pixel, whose own error is told below; those of POV-Ray and '
              'Tachyon are to one of their own, as they shade otherwise: of 27 x 27 samples where neighbours differ, and of 1024. How '
              'wrong these are is not known.', '']
     lines += left_out + ['']
-    lines += ['## Marks', ''] + table(['what', 'mark', 'measured', 'met'], marks(rows, kept, scenes))
+    lines += ['## Marks', ''] + table(['what', 'mark', 'measured', 'met'], found)
     for column, what in ((SECONDS, 'user seconds'), (RAYS, 'rays, with shadow rays')):
         for error in (.01, .005, .003):
             body = []
