@@ -17,6 +17,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         next_sweep_ = now_ + limits_.heartbeat / 2;
         drop_silent_peers();
         take_back_stuck_tiles();
+        end_quarantines();
         give_up_scenes_that_do_not_come();
     }
     end_jobs_whose_time_is_up();
@@ -36,6 +37,8 @@ Instant Dispatcher::next_deadline() const {
     Instant deadline = next_sweep_;
     if (!deadlines_.empty())
         deadline = std::min(deadline, deadlines_.begin()->first);
+    if (speed_.is_known() && somebody_is_idle() && somebody_has_tiles())
+        deadline = std::min(deadline, next_overbook_);
     const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
         const auto found = jobs_.find(id);
         return found != jobs_.end() && wants_digest(found->second);
@@ -58,7 +61,7 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
         const auto state = jobs_.at(id).state(identity_.epoch, now);
         lines.push_back("job #" + std::to_string(number) + " " + state.job_name + " " +
                         to_string(id) + ": " + std::to_string(state.done_count) + " of " +
-                        std::to_string(state.tile_count) + " tiles, " +
+                        std::to_string(state.cell_count) + " cells, " +
                         std::to_string(state.in_flight_count) + " in flight");
     }
     return lines;

@@ -6,12 +6,14 @@
 #include "broker/events.hpp"
 #include "broker/job.hpp"
 #include "broker/limits.hpp"
+#include "broker/speed.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <compare>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -28,7 +30,10 @@ struct Counters {
     std::uint64_t unexpected = 0;    ///< messages that had no place in their session
     std::uint64_t stale_answers = 0; ///< answers for tiles that nobody waits for
     std::uint64_t workers_lost = 0;
+    std::uint64_t workers_quarantined = 0;
     std::uint64_t tiles_requeued = 0;
+    std::uint64_t tiles_overbooked = 0; ///< given out once more, as they took long
+    std::uint64_t answers_unneeded = 0; ///< somebody else was first
     friend bool operator==(const Counters&, const Counters&) = default;
 };
 
@@ -64,8 +69,12 @@ private:
     };
     /// A tile at a worker. It takes up credit until the worker answers, also when it is cancelled.
     struct Grant {
-        Instant granted_at, progress_at;
-        std::uint64_t number = 0; ///< counts the session's tiles, from 0
+        OpenTileId id{}; ///< none: it is a probe of the job's picture
+        Tile tile{};
+        double work = 0; ///< that it is thought to be
+        Instant granted_at{}, progress_at{};
+        std::optional<Instant> started_at{}; ///< as far as can be told from here
+        std::uint64_t number = 0;            ///< counts the session's tiles, from 0
         std::uint64_t rays = 0;
         bool cancelled = false;
     };
@@ -77,6 +86,16 @@ private:
         std::optional<std::uint64_t> load; ///< its key in free_workers_, while it is there
         std::uint64_t tiles_sent = 0, tiles_done = 0;
         protocol::Rays rays;
+        Speed speed;                  ///< of one thread
+        double capacity = 0;          ///< as it counts in capacity_
+        bool drained = false;         ///< on somebody's word
+        std::deque<Instant> failures; ///< within the window
+        std::optional<Instant> quarantined_until;
+
+        /// Tiles it may be given in all.
+        [[nodiscard]] std::uint32_t room() const {
+            return drained || quarantined_until ? 0 : credit;
+        }
     };
     struct ClientSession {
         std::string name;
@@ -112,30 +131,72 @@ private:
     void give_chunk(const PeerId& peer, const protocol::NeedChunk& need);
     void acknowledge(Job& job);
     void find_job(const PeerId& peer, const protocol::FindJob& find);
-    void cancel_job(const PeerId& peer, const protocol::CancelJob& cancel);
     void end_job(Job& job, protocol::JobPhase phase, const std::string& reason);
     void forget(JobId id);
     [[nodiscard]] Job* job_of(const JobId& id);
 
-    // tiles.cpp: who gets it
+    // control.cpp: what people want of jobs and workers, and what we want of workers that fail
+    void control_job(const PeerId& peer, const protocol::ControlJob& control);
+    [[nodiscard]] std::optional<std::string> pause(Job& job);
+    [[nodiscard]] std::optional<std::string> resume(Job& job);
+    [[nodiscard]] std::optional<std::string> retry(Job& job);
+    void control_worker(const PeerId& peer, const protocol::ControlWorker& control);
+    void count_machine_failure(const PeerId& peer, WorkerSession& worker);
+    void end_quarantines();
+
+    // dispatch.cpp: who gets it
     void dispatch();
+    void offer_to_changed_workers();
+    void give_out();
     [[nodiscard]] Job* job_for_next_tile();
+    [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer, const Job& job) const;
+    [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
+    bool grant(const PeerId& peer, WorkerSession& worker, Job& job);
+    bool grant_probe(const PeerId& peer, WorkerSession& worker, Job& job);
     bool grant_tile(const PeerId& peer, WorkerSession& worker, Job& job);
+    void send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
+                    AttemptNumber attempt, std::uint32_t probe_side);
+    [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
+    [[nodiscard]] double tile_time_min_s() const;
+    [[nodiscard]] double speed_of(const WorkerSession& worker) const;
+    void look_ready(Job& job);
+    void update_load(const PeerId& peer, WorkerSession& worker);
+    void change_room(const PeerId& peer, WorkerSession& worker, const auto& deed);
+    void set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit);
+    void count_capacity(WorkerSession& worker);
+
+    // overbooking.cpp: and who helps out when nothing is left to be given
+    struct Late {
+        Duration remaining{};
+        JobId job;
+        OpenTileId id{};
+        double work = 0;
+        PeerId peer;
+    };
+    void help_out();
+    [[nodiscard]] std::vector<Late> tiles_by_end() const;
+    void append_ends(const PeerId& peer, const WorkerSession& worker,
+                     std::vector<Late>& late) const;
+    [[nodiscard]] bool somebody_is_idle() const;
+    [[nodiscard]] bool somebody_has_tiles() const;
+
+    // tiles.cpp: and what becomes of it
     [[nodiscard]] std::optional<Grant> end_grant(const PeerId& peer, WorkerSession& worker,
                                                  const GrantKey& key);
     void tile_rendered(const PeerId& peer, WorkerSession& worker,
                        const protocol::TileRendered& answer);
     void tile_failed(const PeerId& peer, WorkerSession& worker, const protocol::TileFailed& answer);
-    void accept(Job& job, const PeerId& peer, WorkerSession& worker,
-                const protocol::TileRendered& answer, Duration elapsed_max);
-    void count_failure(Job& job, TileIndex tile, const WorkerSession& worker,
+    void accept(Job& job, WorkerSession& worker, const Grant& grant,
+                const protocol::TileRendered& answer);
+    void take_probe(Job& job, const protocol::TileRendered& answer);
+    void count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
                        const std::string& why);
-    void take_back(const PeerId& peer, const GrantKey& key, bool counts,
+    void take_back(const GrantKey& key, const Grant& grant, bool counts,
                    const WorkerSession& worker, const std::string& why);
     void cancel_grant(const PeerId& peer, const GrantKey& key);
+    void cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted);
     void take_back_stuck_tiles();
     void end_jobs_whose_time_is_up();
-    void update_load(const PeerId& peer, WorkerSession& worker);
 
     // stream.cpp: who hears of it
     void on(const TopicSubscribed& event);
@@ -145,6 +206,7 @@ private:
     void publish_farm_state();
     void publish_state(const Job& job);
     [[nodiscard]] protocol::JobState brief_state(const Job& job) const;
+    [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
     void repair(const PeerId& peer, const protocol::Repair& repair);
     [[nodiscard]] bool wants_digest(const Job& job) const;
 
@@ -160,10 +222,14 @@ private:
     std::map<PeerId, ClientSession> clients_;
     std::set<std::pair<std::uint64_t, PeerId>>
         free_workers_;                    ///< with credit left, the least loaded first
-    std::size_t workers_with_credit_ = 0; ///< whose credit is not 0
+    std::size_t workers_with_credit_ = 0; ///< whose room is not 0
+    double capacity_ = 0;                 ///< of these: work in a second
+    Speed speed_;                         ///< of a thread, of all that was ever here
+    std::vector<PeerId> changed_workers_; ///< have more room, or other work, than a step ago
 
     std::map<JobId, Job> jobs_;
-    std::set<JobId> ready_;                         ///< jobs with pending tiles
+    std::set<JobId> ready_;   ///< jobs with pending tiles
+    std::set<JobId> blocked_; ///< jobs with pending tiles that suit no worker with room
     std::set<std::pair<Instant, JobId>> deadlines_; ///< of jobs with a time limit, not over
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
@@ -173,7 +239,7 @@ private:
     bool farm_subscribed_ = false;
 
     Instant now_;
-    Instant next_sweep_{}, next_digest_{}, next_farm_state_{};
+    Instant next_sweep_{}, next_digest_{}, next_farm_state_{}, next_overbook_{};
     std::vector<Action>* actions_ = nullptr; ///< during a step
 };
 

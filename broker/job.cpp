@@ -1,117 +1,512 @@
 #include "broker/job.hpp"
 
+#include "broker/tile_plan.hpp"
 #include "common/base/assert.hpp"
 #include "common/protocol/passes.hpp"
 
 #include <algorithm>
-#include <set>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
 
 namespace fraja::broker {
+
+using protocol::CellRect;
+
 namespace {
 
 constexpr std::uint64_t tile_overhead_bytes = 300; // a result's own fields and allocations
 
+// Tiles that may be open one above the other: the whole, its parts, their parts.
+constexpr int overbooked_max = 3;
+
+bool overlap(const CellRect& a, const CellRect& b) {
+    return a.column < b.column + b.width && b.column < a.column + a.width &&
+           a.row < b.row + b.height && b.row < a.row + a.height;
+}
+
+/// Across the longer side.
+std::pair<CellRect, CellRect> halves(CellRect r) {
+    CellRect second = r;
+    if (r.width >= r.height) {
+        r.width = (r.width + 1) / 2;
+        second.column += r.width;
+        second.width -= r.width;
+    } else {
+        r.height = (r.height + 1) / 2;
+        second.row += r.height;
+        second.height -= r.height;
+    }
+    return {r, second};
+}
+
+std::uint32_t side_of(const protocol::SubmitJob& s) {
+    return s.tile_side > 0 ? s.tile_side : automatic_cell_side(s.settings);
+}
+
 } // namespace
 
-Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client,
-         std::vector<PixelRect> plan)
-    : submission_(std::move(submission)), number_(number), client_(std::move(client)),
-      plan_(std::move(plan)), results_(plan_.size() * protocol::pass_count(submission_.settings)),
-      passes_(protocol::pass_count(submission_.settings)), fresh_end_(results_.size()),
-      first_pass_left_(plan_.size()) {}
+Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
+    : priority(submission.priority), submission_(std::move(submission)), number_(number),
+      client_(std::move(client)), grid_(submission_.settings.crop, side_of(submission_)),
+      costs_(grid_), passes_(protocol::pass_count(submission_.settings)),
+      done_(static_cast<std::size_t>(grid_.count() * passes_)), first_pass_left_(grid_.count()) {
+    plan();
+}
 
 void Job::set_passes(std::uint32_t passes) {
     FRAJA_ASSERT(passes > 0 && passes <= passes_ && fresh_ == 0);
     passes_ = passes;
-    fresh_end_ = plan_.size() * passes;
+    fresh_end_ = grid_.count() * passes;
 }
+
+void Job::take_probe(const std::vector<double>& rays_of_blocks) {
+    costs_.take_probe(rays_of_blocks);
+    rank_anew();
+}
+
+// ------------------------------------------------------------------------------- opening, closing
+
+void Job::plan() {
+    const CellRect all = grid_.all();
+    if (is_fixed()) {
+        order_ = ordered_cells(all.width, all.height, submission_.order);
+        fresh_end_ = grid_.count() * passes_;
+        return;
+    }
+    if (submission_.order != protocol::TileOrder::automatic) {
+        const auto blocks = ordered_cells(costs_.columns(), costs_.rows(), submission_.order);
+        order_.resize(blocks.size());
+        for (std::uint32_t rank = 0; rank < blocks.size(); ++rank)
+            order_[blocks[rank]] = rank;
+    }
+    open_by_blocks(all, std::nullopt);
+}
+
+OpenTileId Job::open(OpenTile tile) {
+    const auto id = OpenTileId(++open_count_);
+    open_.emplace(id, std::move(tile));
+    return id;
+}
+
+double Job::rank_of(const CellRect& cells, double work) const {
+    return submission_.order == protocol::TileOrder::automatic
+               ? -work
+               : static_cast<double>(order_[costs_.block_of(cells)]);
+}
+
+void Job::push_pending(OpenTileId id) {
+    OpenTile& tile = open_.at(id);
+    tile.work = costs_.work(tile.tile.cells);
+    tile.rank = rank_of(tile.tile.cells, tile.work);
+    pending_[tile.owner].insert({tile.rank, id});
+}
+
+void Job::erase_pending(OpenTileId id, const OpenTile& tile) {
+    std::erase(requeued_, id);
+    if (const auto queue = pending_.find(tile.owner); queue != pending_.end()) {
+        queue->second.erase({tile.rank, id});
+        if (queue->second.empty())
+            pending_.erase(queue);
+    }
+}
+
+/// The parts of it that are not done yet, as large as they can be, within one block.
+void Job::open_undone(const CellRect& cells, const Owner& owner) {
+    std::uint64_t done = 0;
+    (void)grid_.all_of(cells, [&](std::uint64_t cell) {
+        done += done_.test(static_cast<std::size_t>(cell));
+        return true;
+    });
+    if (done == cells.count())
+        return;
+    if (done == 0)
+        return push_pending(open({.tile = {0, cells}, .owner = owner}));
+    const auto [first, second] = halves(cells);
+    open_undone(first, owner);
+    open_undone(second, owner);
+}
+
+void Job::open_by_blocks(const CellRect& cells, const Owner& owner) {
+    const std::uint32_t side = is_fixed() ? 1 : costs_.block_side();
+    for (std::uint32_t row = cells.row; row < cells.row + cells.height;) {
+        const std::uint32_t next_row = std::min(cells.row + cells.height, (row / side + 1) * side);
+        for (std::uint32_t column = cells.column; column < cells.column + cells.width;) {
+            const std::uint32_t next_column =
+                std::min(cells.column + cells.width, (column / side + 1) * side);
+            open_undone({column, row, next_column - column, next_row - row}, owner);
+            column = next_column;
+        }
+        row = next_row;
+    }
+}
+
+void Job::unassign(OpenTile& tile) {
+    if (!tile.assignment)
+        return;
+    --in_flight_count_;
+    work_in_flight_ -= tile.work;
+    if (const auto worker = workers_.find(tile.assignment->peer); --worker->second == 0)
+        workers_.erase(worker);
+    tile.assignment.reset();
+}
+
+void Job::close(OpenTileId id) {
+    const auto at = open_.find(id);
+    OpenTile& tile = at->second;
+    unassign(tile);
+    erase_pending(id, tile);
+    if (const auto whole = open_.find(tile.whole); whole != open_.end())
+        --whole->second.parts;
+    if (tile.parts > 0)
+        for (auto& [other_id, other] : open_)
+            if (other.whole == id)
+                other.whole = OpenTileId::none;
+    open_.erase(at);
+}
+
+void Job::drop_pending() {
+    std::vector<OpenTileId> ids;
+    for (const auto& [id, tile] : open_)
+        if (!tile.assignment)
+            ids.push_back(id);
+    for (const OpenTileId id : ids)
+        close(id);
+}
+
+/// What was thought of their work has changed.
+void Job::rank_anew() {
+    ranked_at_ = results_.size();
+    std::vector<OpenTileId> ids;
+    for (const auto& [owner, queue] : pending_)
+        for (const Place& place : queue)
+            ids.push_back(place.id);
+    pending_.clear();
+    for (const OpenTileId id : ids)
+        push_pending(id);
+}
+
+// ------------------------------------------------------------------------------------ handing out
 
 bool Job::has_pending() const {
-    return !requeued_.empty() || fresh_ < fresh_end_;
+    return !requeued_.empty() || fresh_ < fresh_end_ || !pending_.empty();
 }
 
-std::optional<TileIndex> Job::assign_next(const WorkerId& worker, const PeerId& peer,
-                                          std::size_t workers_with_credit) {
-    std::optional<TileIndex> tile;
-    const auto fits = [&](TileIndex t) {
-        const auto failed = failed_on_.find(t);
-        return failed == failed_on_.end() || failed->second.size() >= workers_with_credit ||
-               std::ranges::find(failed->second, worker) == failed->second.end();
-    };
-    const auto requeued = std::ranges::find_if(requeued_, fits);
-    if (requeued != requeued_.end()) {
-        tile = *requeued;
-        requeued_.erase(requeued);
-    } else if (fresh_ < fresh_end_) {
-        tile = TileIndex(fresh_++);
-    } else {
-        return std::nullopt;
+AttemptNumber Job::next_attempt() {
+    return AttemptNumber(++attempts_);
+}
+
+OpenTileId Job::next_fixed() {
+    while (fresh_ < fresh_end_) {
+        const auto pass = static_cast<std::uint32_t>(fresh_ / grid_.count());
+        const Tile tile{pass, grid_.at(order_[fresh_++ % grid_.count()])};
+        if (!all_cells_done(tile))
+            return open({.tile = tile, .work = costs_.work(tile.cells)});
     }
-    const auto attempt = AttemptNumber(static_cast<std::uint32_t>(attempts_[*tile]) + 1);
-    attempts_[*tile] = attempt;
-    assigned_[*tile] = Assignment{peer, attempt};
-    return tile;
+    return OpenTileId::none;
 }
 
-bool Job::assigned_as(TileIndex tile, const PeerId& peer, AttemptNumber attempt) const {
-    const auto found = assigned_.find(tile);
-    return found != assigned_.end() && found->second.peer == peer &&
-           found->second.attempt == attempt;
+OpenTileId Job::take_pending(const Bidder& bidder) {
+    const auto fits = [&](OpenTileId id) {
+        const OpenTile& tile = open_.at(id);
+        const auto whole = open_.find(tile.whole);
+        if (whole != open_.end() && whole->second.assignment &&
+            whole->second.assignment->peer == bidder.peer && whole->second.tile == tile.tile)
+            return false; // it is at it already
+        return tile.failed_on.size() >= bidder.workers_with_credit ||
+               std::ranges::find(tile.failed_on, bidder.worker) == tile.failed_on.end();
+    };
+    if (const auto at = std::ranges::find_if(requeued_, fits); at != requeued_.end()) {
+        const OpenTileId id = *at;
+        requeued_.erase(at);
+        return id;
+    }
+    if (fresh_ < fresh_end_)
+        return next_fixed();
+    auto queue = pending_.find(bidder.worker);
+    if (queue == pending_.end())
+        queue = pending_.find(std::nullopt);
+    const bool steals = queue == pending_.end() && stealing_;
+    if (steals)
+        queue = std::ranges::max_element(pending_, {},
+                                         [](const auto& entry) { return entry.second.size(); });
+    if (queue == pending_.end())
+        return OpenTileId::none;
+    const OpenTileId id = steals ? queue->second.rbegin()->id : queue->second.begin()->id;
+    erase_pending(id, open_.at(id));
+    return id;
 }
 
-void Job::requeue(TileIndex tile) {
-    FRAJA_ASSERT(assigned_.erase(tile) == 1 && !done(tile));
-    if (!time_is_up_ || pass(tile) == 0)
-        requeued_.push_front(tile);
+/// Of a tile that is too much the first part that is not; the others become pending where it was.
+OpenTileId Job::cut(OpenTileId id, double work_wanted) {
+    const bool is_urgent = open_.at(id).was_assigned || open_.at(id).whole != OpenTileId::none;
+    for (;;) {
+        OpenTile& tile = open_.at(id);
+        tile.work = costs_.work(tile.tile.cells);
+        if (tile.work <= work_wanted || !can_cut(tile.tile))
+            return id;
+        overlapping_ = overlapping_ || tile.was_assigned; // its worker may still answer
+        const auto [first, second] = halves(tile.tile.cells);
+        OpenTile rest = tile;
+        rest.tile.cells = second;
+        tile.tile.cells = first;
+        if (const auto whole = open_.find(tile.whole); whole != open_.end())
+            ++whole->second.parts;
+        const OpenTileId rest_id = open(std::move(rest));
+        if (is_urgent)
+            requeued_.push_front(rest_id);
+        else
+            push_pending(rest_id);
+    }
 }
 
-std::uint32_t Job::count_failure(TileIndex tile, const WorkerId& worker) {
-    auto& workers = failed_on_[tile];
-    workers.push_back(worker);
-    return static_cast<std::uint32_t>(workers.size());
+std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
+    if (results_.size() >= 2 * ranked_at_ + 8)
+        rank_anew();
+    OpenTileId id = take_pending(bidder);
+    if (id == OpenTileId::none)
+        return std::nullopt;
+    if (!dealt_out_ || stealing_)
+        id = cut(id, bidder.work_wanted);
+    OpenTile& tile = open_.at(id);
+    tile.was_assigned = true;
+    tile.assignment = Assignment{bidder.peer, next_attempt()};
+    ++in_flight_count_;
+    work_in_flight_ += tile.work;
+    ++workers_[bidder.peer];
+    return Handed{id, tile.tile, tile.assignment->attempt, tile.work};
 }
 
-void Job::finish(TileIndex tile, std::shared_ptr<const protocol::TileDone> result) {
-    FRAJA_ASSERT(!done(tile));
-    if (assigned_.erase(tile) == 0) // a late answer overtook the next attempt
-        std::erase(requeued_, tile);
-    attempts_.erase(tile);
-    failed_on_.erase(tile);
+bool Job::assigned_as(OpenTileId id, AttemptNumber attempt) const {
+    const auto found = open_.find(id);
+    return found != open_.end() && found->second.assignment &&
+           found->second.assignment->attempt == attempt;
+}
+
+// ---------------------------------------------------------------------------------- dealing it out
+
+void Job::deal_out(const std::vector<Share>& shares, bool by_work, bool stealing) {
+    FRAJA_ASSERT(!dealt_out_ && passes_ == 1 && !shares.empty());
+    dealt_out_ = true;
+    stealing_ = stealing;
+    drop_pending();
+    fresh_ = fresh_end_;
+    share_out(grid_.all(), shares, by_work);
+}
+
+/// To one half of the workers one side of the cells, to the other half the other.
+void Job::share_out(const CellRect& cells, std::span<const Share> shares, bool by_work) {
+    if (cells.count() == 0)
+        return;
+    if (shares.size() == 1)
+        return open_by_blocks(cells, shares.front().worker);
+    const auto sum = [](std::span<const Share> some) {
+        return std::accumulate(some.begin(), some.end(), 0.0,
+                               [](double s, const Share& share) { return s + share.share; });
+    };
+    const auto first_shares = shares.first(shares.size() / 2);
+    const double part = sum(first_shares) / sum(shares);
+
+    const bool across = cells.width >= cells.height; // columns are dealt out
+    const std::uint32_t length = across ? cells.width : cells.height;
+    std::vector<double> weights(length); // of each column or row
+    (void)grid_.all_of(cells, [&](std::uint64_t cell) {
+        const CellRect at = grid_.at(cell);
+        weights[across ? at.column - cells.column : at.row - cells.row] +=
+            by_work ? costs_.work(at) : static_cast<double>(grid_.pixels(at).pixel_count());
+        return true;
+    });
+    const double wanted = part * std::accumulate(weights.begin(), weights.end(), 0.0);
+    std::uint32_t first = 0;
+    for (double weight = 0; first < length && weight + weights[first] / 2 <= wanted; ++first)
+        weight += weights[first];
+
+    CellRect one = cells, other = cells;
+    (across ? one.width : one.height) = first;
+    (across ? other.column : other.row) += first;
+    (across ? other.width : other.height) -= first;
+    share_out(one, first_shares, by_work);
+    share_out(other, shares.subspan(first_shares.size()), by_work);
+}
+
+void Job::release_share(const WorkerId& worker) {
+    const auto queue = pending_.find(worker);
+    if (queue == pending_.end())
+        return;
+    const std::set<Place> places = std::move(queue->second);
+    pending_.erase(queue);
+    for (const Place& place : places) {
+        open_.at(place.id).owner.reset();
+        push_pending(place.id);
+    }
+}
+
+// ------------------------------------------------------------------------------------ overbooking
+
+bool Job::can_overbook(OpenTileId id) const {
+    auto tile = open_.find(id);
+    if (tile == open_.end() || !tile->second.assignment || tile->second.parts > 0)
+        return false;
+    int above = 1;
+    while ((tile = open_.find(tile->second.whole)) != open_.end())
+        ++above;
+    return above < overbooked_max;
+}
+
+void Job::overbook(OpenTileId id, std::uint32_t parts) {
+    FRAJA_ASSERT(can_overbook(id) && parts > 0);
+    overlapping_ = true;
+    OpenTile& whole = open_.at(id);
+    std::deque<CellRect> pieces{whole.tile.cells}; // the largest first
+    while (pieces.size() < parts && can_cut({whole.tile.pass, pieces.front()})) {
+        const auto [first, second] = halves(pieces.front());
+        pieces.pop_front();
+        pieces.push_back(first);
+        pieces.push_back(second);
+    }
+    whole.covered = true;
+    whole.parts = static_cast<std::uint32_t>(pieces.size());
+    for (const CellRect& cells : pieces)
+        requeued_.push_front(open({.tile = {whole.tile.pass, cells},
+                                   .work = costs_.work(cells),
+                                   .failed_on = whole.failed_on,
+                                   .whole = id}));
+}
+
+// ----------------------------------------------------------------------------------- what comes
+// back
+
+void Job::requeue(OpenTileId id) {
+    OpenTile& tile = open_.at(id);
+    FRAJA_ASSERT(tile.assignment.has_value());
+    unassign(tile);
+    if (time_is_up_ && tile.tile.pass > 0)
+        return close(id);
+    if (const auto whole = open_.find(tile.whole);
+        whole != open_.end() && whole->second.assignment) { // somebody else is at these cells
+        whole->second.covered = false;
+        return close(id);
+    }
+    if (tile.parts > 0 && tile.covered)
+        return close(id);
+    requeued_.push_front(id);
+}
+
+std::uint32_t Job::count_failure(OpenTileId id, const WorkerId& worker) {
+    const auto found = open_.find(id);
+    if (found == open_.end())
+        return 0;
+    found->second.failed_on.push_back(worker);
+    return static_cast<std::uint32_t>(found->second.failed_on.size());
+}
+
+bool Job::all_cells_done(const Tile& tile) const {
+    return grid_.all_of(tile.cells,
+                        [&](std::uint64_t cell) { return done_.test(bit(tile, cell)); });
+}
+
+/// Returns how many cells are new.
+std::uint64_t Job::mark_done(const Tile& tile, double work) {
+    std::vector<std::uint64_t> fresh;
+    (void)grid_.all_of(tile.cells, [&](std::uint64_t cell) {
+        if (!done_.test(bit(tile, cell))) {
+            done_.set(bit(tile, cell));
+            fresh.push_back(cell);
+        }
+        return true;
+    });
+    if (tile.pass == 0) {
+        first_pass_left_ -= fresh.size();
+        if (fresh.size() == tile.cells.count())
+            costs_.learn(tile.cells, work);
+        else
+            for (const std::uint64_t cell : fresh)
+                costs_.learn(grid_.at(cell), work / static_cast<double>(tile.cells.count()));
+    }
+    return fresh.size();
+}
+
+std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double work,
+                                       std::shared_ptr<const protocol::TileDone> result) {
+    const std::uint64_t fresh = mark_done(tile, work);
+    FRAJA_ASSERT(fresh > 0);
+    done_count_ += fresh;
+    results_pixels_ += rect(tile).pixel_count();
     rays_ += result->rays;
     render_time_ += std::min(result->elapsed, Duration::max() - render_time_);
-    results_[as_index(tile)] = std::move(result);
-    if (pass(tile) == 0)
-        --first_pass_left_;
-    ++done_count_;
-    done_pixels_ += rect(tile).pixel_count();
+    results_.push_back({tile, std::move(result)});
+
+    std::vector<OpenTileId> over;
+    const auto answered = open_.find(id);
+    if (!overlapping_ && answered != open_.end() && answered->second.tile == tile)
+        over.push_back(id);
+    else
+        for (const auto& [other_id, other] : open_)
+            if (other.tile.pass == tile.pass && overlap(other.tile.cells, tile.cells) &&
+                all_cells_done(other.tile))
+                over.push_back(other_id);
+    std::vector<Unwanted> unwanted;
+    for (const OpenTileId other_id : over) {
+        const OpenTile& other = open_.at(other_id);
+        if (other.assignment)
+            unwanted.push_back({other.tile, *other.assignment, other_id});
+        close(other_id);
+    }
+    return unwanted;
 }
 
-void Job::drop_unfinished() {
+std::vector<Job::Unwanted> Job::drop_unfinished() {
+    std::vector<Unwanted> unwanted;
+    for (const auto& [id, tile] : open_)
+        if (tile.assignment)
+            unwanted.push_back({tile.tile, *tile.assignment, id});
     fresh_ = fresh_end_;
+    open_.clear();
     requeued_.clear();
-    assigned_.clear();
-    attempts_.clear();
-    failed_on_.clear();
+    pending_.clear();
+    workers_.clear();
+    in_flight_count_ = 0;
+    work_in_flight_ = 0;
+    return unwanted;
+}
+
+void Job::revive() {
+    FRAJA_ASSERT(open_.empty());
+    dealt_out_ = stealing_ = time_is_up_ = false;
+    overlapping_ = true; // late answers may still come
+    if (is_fixed()) {
+        fresh_ = 0;
+        fresh_end_ = grid_.count() * passes_;
+    } else {
+        open_by_blocks(grid_.all(), std::nullopt);
+    }
 }
 
 void Job::set_time_is_up() {
     time_is_up_ = true;
-    fresh_end_ = std::max(fresh_, plan_.size());
-    std::erase_if(requeued_, [this](TileIndex tile) { return pass(tile) > 0; });
+    fresh_end_ = std::max(fresh_, grid_.count());
+    std::vector<OpenTileId> late;
+    for (const OpenTileId id : requeued_)
+        if (open_.at(id).tile.pass > 0)
+            late.push_back(id);
+    for (const OpenTileId id : late)
+        close(id);
 }
+
+// ------------------------------------------------------------------------------------------- state
 
 std::uint64_t Job::stored_bytes() const {
     const protocol::PictureSettings& s = submission_.settings;
     const bool over = is_over(phase);
-    const std::uint64_t pixels = over ? done_pixels_ : s.crop.pixel_count() * passes_;
-    const std::uint64_t tiles = over ? done_count_ : plan_.size() * passes_;
+    const std::uint64_t pixels = over ? results_pixels_ : s.crop.pixel_count() * passes_;
+    const std::uint64_t tiles = over ? results_.size() : grid_.count() * passes_;
     return pixels * s.pixel_bytes() + tiles * tile_overhead_bytes;
 }
 
 protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {
-    std::set<PeerId> workers;
-    for (const auto& [tile, assignment] : assigned_)
-        workers.insert(assignment.peer);
+    const protocol::PictureSettings& s = submission_.settings;
+    const std::uint64_t cells = grid_.count() * protocol::pass_count(s);
     return {.epoch = epoch,
             .job = id(),
             .number = number_,
@@ -119,11 +514,17 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {
             .phase = phase,
             .reason = reason,
             .scene = submission_.scene,
-            .settings = submission_.settings,
-            .tile_count = tile_count(),
-            .done_count = done_count_,
-            .in_flight_count = static_cast<std::uint32_t>(assigned_.size()),
-            .worker_count = static_cast<std::uint32_t>(workers.size()),
+            .settings = s,
+            .cell_side = grid_.side(),
+            .cell_count = static_cast<std::uint32_t>(cells),
+            .done_count = static_cast<std::uint32_t>(done_count_),
+            .share_done = phase == protocol::JobPhase::done ? 1
+                          : s.limited_in_time()
+                              ? static_cast<double>(done_count_) / static_cast<double>(cells)
+                              : costs_.share_done(),
+            .priority = priority,
+            .in_flight_count = static_cast<std::uint32_t>(in_flight_count_),
+            .worker_count = static_cast<std::uint32_t>(workers_.size()),
             .rays = rays_,
             .render_time = render_time_,
             .elapsed = acknowledged_at ? over_at.value_or(now) - *acknowledged_at : Duration{}};

@@ -1,34 +1,50 @@
-// One job in the broker: its tiles and what became of them. Pixels are bytes here.
+// One job in the broker: its cells, the tiles they are handed out in, and what became of them.
+// Pixels are bytes here.
 #pragma once
 
+#include "broker/cost_map.hpp"
 #include "broker/events.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
 #include "common/protocol/bitmap.hpp"
+#include "common/protocol/cells.hpp"
 #include "common/protocol/messages.hpp"
 
+#include <compare>
 #include <cstdint>
 #include <deque>
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
 #include <vector>
 
 namespace fraja::broker {
 
-/// A tile with a worker: the job's side of a grant.
+/// Names an open tile, one that is not done, within its job.
+enum class OpenTileId : std::uint64_t { none = 0 };
+
+/// Where an open tile is: the job's side of a grant.
 struct Assignment {
     PeerId peer;
     AttemptNumber attempt{};
 };
 
-/// Every tile is pending, assigned to one worker, or done; done is for ever.
+/// What is handed out: cells of one pass.
+struct Tile {
+    std::uint32_t pass = 0;
+    protocol::CellRect cells;
+    friend bool operator==(const Tile&, const Tile&) = default;
+};
+
+/// Every cell of every pass is done, or lies in a tile that is pending or assigned to a worker;
+/// done is for ever. A tile that takes long may be given out again in parts: then these and the
+/// whole are open together, and whoever is first is right.
 class Job {
 public:
-    /// `plan`: of one pass.
-    Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client,
-        std::vector<PixelRect> plan);
+    Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client);
 
     [[nodiscard]] const protocol::SubmitJob& submission() const { return submission_; }
     [[nodiscard]] const JobId& id() const { return submission_.job; }
@@ -37,21 +53,21 @@ public:
     [[nodiscard]] const PeerId& client() const { return client_; }
     void set_client(PeerId client) { client_ = std::move(client); }
 
-    // ------------------------------------------------------------------------------------- tiles
-    [[nodiscard]] std::uint32_t tile_count() const {
-        return static_cast<std::uint32_t>(results_.size());
+    // ------------------------------------------------------------------------------------- cells
+    [[nodiscard]] const protocol::CellGrid& grid() const { return grid_; }
+    [[nodiscard]] const CostMap& costs() const { return costs_; }
+    void take_probe(const std::vector<double>& rays_of_blocks);
+    /// As the wire counts: of the top left cell, pass after pass.
+    [[nodiscard]] TileIndex index(const Tile& tile) const {
+        return TileIndex(
+            static_cast<std::uint32_t>(tile.pass * grid_.count() + grid_.index(tile.cells)));
     }
-    [[nodiscard]] bool has(TileIndex tile) const { return as_index(tile) < results_.size(); }
-    [[nodiscard]] const PixelRect& rect(TileIndex tile) const {
-        return plan_[as_index(tile) % plan_.size()];
-    }
-    [[nodiscard]] std::uint32_t pass(TileIndex tile) const {
-        return static_cast<std::uint32_t>(as_index(tile) / plan_.size());
-    }
-    [[nodiscard]] bool done(TileIndex tile) const { return results_[as_index(tile)] != nullptr; }
+    [[nodiscard]] PixelRect rect(const Tile& tile) const { return grid_.pixels(tile.cells); }
+    [[nodiscard]] bool all_cells_done(const Tile& tile) const;
+    [[nodiscard]] const Tile& tile(OpenTileId id) const { return open_.at(id).tile; }
     /// Everything that is wanted: of a job whose time is up one pass.
     [[nodiscard]] bool all_done() const {
-        return done_count_ == plan_.size() * passes_ || (time_is_up_ && first_pass_left_ == 0);
+        return done_count_ == grid_.count() * passes_ || (time_is_up_ && first_pass_left_ == 0);
     }
     /// How many passes are drawn at most; 1 of a picture without a time limit.
     [[nodiscard]] std::uint32_t passes() const { return passes_; }
@@ -59,37 +75,91 @@ public:
     void set_passes(std::uint32_t passes);
     /// No pass is begun any more but the first, which must be.
     void set_time_is_up();
-    [[nodiscard]] bool has_pending() const;
 
-    /// Takes the next pending tile for that worker and assigns it. A tile that failed on this
-    /// worker is left to others while `workers_with_credit` says that there are any. Nothing when
-    /// there is none for it.
-    [[nodiscard]] std::optional<TileIndex> assign_next(const WorkerId& worker, const PeerId& peer,
-                                                       std::size_t workers_with_credit);
-    [[nodiscard]] const std::map<TileIndex, Assignment>& assignments() const { return assigned_; }
-    [[nodiscard]] AttemptNumber attempt(TileIndex tile) const { return attempts_.at(tile); }
-    /// Whether that attempt is the one the tile is assigned to now.
-    [[nodiscard]] bool assigned_as(TileIndex tile, const PeerId& peer, AttemptNumber attempt) const;
+    // ------------------------------------------------------------------------------------- tiles
+    /// Who asks for a tile.
+    struct Bidder {
+        WorkerId worker;
+        PeerId peer;
+        /// As much as it should be given at once; of automatic tiles, a larger one is cut.
+        double work_wanted = 0;
+        /// A tile that failed on this worker is left to others while there are any.
+        std::size_t workers_with_credit = 1;
+    };
+    struct Handed {
+        OpenTileId id{};
+        Tile tile;
+        AttemptNumber attempt{};
+        double work = 0; ///< that it is thought to be
+    };
+    /// Takes the next pending tile for that worker and assigns it. Nothing when there is none for
+    /// it.
+    [[nodiscard]] std::optional<Handed> assign_next(const Bidder& bidder);
+    [[nodiscard]] bool has_pending() const;
+    /// A number for what is sent to a worker: never used twice.
+    [[nodiscard]] AttemptNumber next_attempt();
+    [[nodiscard]] std::size_t in_flight_count() const { return in_flight_count_; }
+    /// Work of the tiles in flight.
+    [[nodiscard]] double work_in_flight() const { return std::max(0.0, work_in_flight_); }
+    /// Tiles of it at workers, by worker.
+    [[nodiscard]] const std::map<PeerId, std::uint32_t>& workers() const { return workers_; }
+    /// Whether the tile is open and that attempt is the one it is assigned to now.
+    [[nodiscard]] bool assigned_as(OpenTileId id, AttemptNumber attempt) const;
+
+    /// For schedules that deal everything out at the start: what is pending belongs to these
+    /// workers, to each as much as its share says, of the pixels or of the work. Whoever else asks
+    /// gets nothing, unless `stealing`: then of whoever has most left. What is requeued is
+    /// anybody's.
+    struct Share {
+        WorkerId worker;
+        double share = 1;
+    };
+    void deal_out(const std::vector<Share>& shares, bool by_work, bool stealing);
+    [[nodiscard]] bool is_dealt_out() const { return dealt_out_; }
+    /// That worker does not come back: what is left of its share is anybody's.
+    void release_share(const WorkerId& worker);
+
+    /// An assigned tile takes too long: its cells become pending once more, in at most `parts`
+    /// tiles, before all others. Of a tile that cannot be cut there is one part.
+    void overbook(OpenTileId id, std::uint32_t parts);
+    /// Not a tile whose parts are open already, nor parts of parts of parts.
+    [[nodiscard]] bool can_overbook(OpenTileId id) const;
+    [[nodiscard]] bool can_cut(const Tile& tile) const {
+        return !is_fixed() && tile.cells.count() > 1;
+    }
 
     /// An assigned tile goes back to the front of the queue, if it is still wanted.
-    void requeue(TileIndex tile);
-    /// Counts a failure of the tile and returns how many it has had.
-    std::uint32_t count_failure(TileIndex tile, const WorkerId& worker);
-    /// The first answer for a tile that is not done.
-    void finish(TileIndex tile, std::shared_ptr<const protocol::TileDone> result);
-    /// Nothing is pending or assigned any more.
-    void drop_unfinished();
+    void requeue(OpenTileId id);
+    /// Counts a failure of the tile, if it is still open, and returns how many it has had.
+    std::uint32_t count_failure(OpenTileId id, const WorkerId& worker);
 
-    /// The finished tiles that `have` lacks, in order, until `visit(result)` says false; then how
-    /// many more are left.
+    /// What is not needed any more: it is at that worker.
+    struct Unwanted {
+        Tile tile;
+        Assignment assignment;
+        OpenTileId id{};
+    };
+    /// An answer has come, for a tile with at least one cell that is not done. `work`: what it was,
+    /// as in CostMap.
+    [[nodiscard]] std::vector<Unwanted> finish(OpenTileId id, const Tile& tile, double work,
+                                               std::shared_ptr<const protocol::TileDone> result);
+    /// Nothing is pending or assigned any more. What was assigned.
+    [[nodiscard]] std::vector<Unwanted> drop_unfinished();
+    /// What is not done is pending again, and its failures are forgotten. After drop_unfinished().
+    void revive();
+
+    /// The finished tiles with cells that `have` lacks, in the order in which they came, until
+    /// `visit(result)` says false; then how many more are left.
     template <class Visit>
     std::uint32_t missing(const protocol::Bitmap& have, Visit visit) const {
         std::uint32_t left = 0;
         bool going = true;
-        for (std::size_t i = 0; i < results_.size(); ++i) {
-            if (!results_[i] || have.test(i))
+        for (const Result& result : results_) {
+            if (grid_.all_of(result.tile.cells, [&](std::uint64_t cell) {
+                    return have.test(result.tile.pass * grid_.count() + cell);
+                }))
                 continue;
-            going = going && visit(*results_[i]);
+            going = going && visit(*result.done);
             left += going ? 0 : 1;
         }
         return left;
@@ -102,6 +172,8 @@ public:
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
     std::string reason;
+    std::int32_t priority;
+    enum class Probe { wanted, in_flight, over } probe = Probe::over;
     Instant submitted_at;     ///< from then on a time limit counts
     Instant scene_came_on_at; ///< while waiting for it: when it was last asked for or came
     std::optional<Instant> acknowledged_at, over_at;
@@ -109,25 +181,82 @@ public:
     [[nodiscard]] protocol::JobState state(std::uint64_t epoch, Instant now) const;
 
 private:
-    static std::size_t as_index(TileIndex tile) { return static_cast<std::size_t>(tile); }
+    /// Where a pending tile stands in its queue: the most work first, or in the order asked for.
+    struct Place {
+        double rank = 0;
+        OpenTileId id{};
+        friend auto operator<=>(const Place&, const Place&) = default;
+    };
+    /// Whose a pending tile is; nobody's: anybody's.
+    using Owner = std::optional<WorkerId>;
+    struct OpenTile {
+        Tile tile{};
+        double work = 0, rank = 0; ///< while it is pending
+        Owner owner{};
+        std::optional<Assignment> assignment{};
+        std::vector<WorkerId> failed_on{};
+        bool was_assigned = false;
+        OpenTileId whole{};      ///< it is a part of that one, which is open as well
+        std::uint32_t parts = 0; ///< its parts that are open
+        bool covered = false;    ///< by its parts that are open or done
+    };
+    struct Result {
+        Tile tile;
+        std::shared_ptr<const protocol::TileDone> done;
+    };
+    using OpenTiles = std::map<OpenTileId, OpenTile>;
+
+    /// Every tile is one cell.
+    [[nodiscard]] bool is_fixed() const {
+        return submission_.tile_side > 0 || submission_.settings.limited_in_time();
+    }
+    [[nodiscard]] std::size_t bit(const Tile& tile, std::uint64_t cell) const {
+        return static_cast<std::size_t>(tile.pass * grid_.count() + cell);
+    }
+    OpenTileId open(OpenTile tile);
+    void push_pending(OpenTileId id);
+    void erase_pending(OpenTileId id, const OpenTile& tile);
+    void close(OpenTileId id);
+    void unassign(OpenTile& tile);
+    void plan();
+    void open_undone(const protocol::CellRect& cells, const Owner& owner);
+    void open_by_blocks(const protocol::CellRect& cells, const Owner& owner);
+    void share_out(const protocol::CellRect& cells, std::span<const Share> shares, bool by_work);
+    void drop_pending();
+    [[nodiscard]] OpenTileId take_pending(const Bidder& bidder);
+    [[nodiscard]] OpenTileId next_fixed();
+    [[nodiscard]] OpenTileId cut(OpenTileId id, double work_wanted);
+    [[nodiscard]] double rank_of(const protocol::CellRect& cells, double work) const;
+    void rank_anew();
+    std::uint64_t mark_done(const Tile& tile, double work);
 
     protocol::SubmitJob submission_;
     std::uint32_t number_;
     PeerId client_;
-    std::vector<PixelRect> plan_;
-    std::vector<std::shared_ptr<const protocol::TileDone>>
-        results_; ///< pass after pass as plan_; null until done
+    protocol::CellGrid grid_;
+    CostMap costs_;
     std::uint32_t passes_;
-    std::size_t fresh_ = 0;       ///< tiles from here on were never handed out
-    std::size_t fresh_end_;       ///< nor are those from here on
-    std::size_t first_pass_left_; ///< its tiles that are not done
+
+    std::vector<std::uint32_t> order_; ///< fixed tiles: cells; explicit orders: ranks of blocks
+    std::uint64_t fresh_ = 0;          ///< fixed tiles from here on were never handed out
+    std::uint64_t fresh_end_ = 0;      ///< nor are those from here on
+    std::uint64_t open_count_ = 0;     ///< how many were ever open
+    OpenTiles open_;
+    std::deque<OpenTileId> requeued_;          ///< these go first
+    std::map<Owner, std::set<Place>> pending_; ///< then these
+    std::size_t in_flight_count_ = 0;
+    double work_in_flight_ = 0;
+    std::map<PeerId, std::uint32_t> workers_;
+    std::uint32_t attempts_ = 0;
+    bool overlapping_ = false; ///< tiles have been open that share cells
+    bool dealt_out_ = false, stealing_ = false;
+
+    protocol::Bitmap done_; ///< of all passes
+    std::vector<Result> results_;
+    std::uint64_t first_pass_left_; ///< its cells that are not done
     bool time_is_up_ = false;
-    std::deque<TileIndex> requeued_; ///< these go first
-    std::map<TileIndex, Assignment> assigned_;
-    std::map<TileIndex, AttemptNumber> attempts_; ///< of the tiles handed out and not done
-    std::map<TileIndex, std::vector<WorkerId>> failed_on_;
-    std::uint32_t done_count_ = 0;
-    std::uint64_t done_pixels_ = 0;
+    std::uint64_t done_count_ = 0, results_pixels_ = 0;
+    std::size_t ranked_at_ = 0; ///< results when pending tiles were last ranked
     protocol::Rays rays_;
     Duration render_time_{};
 };

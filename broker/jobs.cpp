@@ -18,8 +18,14 @@ std::string described(const Job& job) {
            to_string(job.id());
 }
 
-std::uint32_t tile_side(const SubmitJob& s) {
-    return s.tile_side > 0 ? s.tile_side : automatic_tile_side(s.settings);
+/// 0: as there are.
+std::uint64_t cell_count(const SubmitJob& s) {
+    const std::uint32_t side = s.tile_side > 0 ? s.tile_side : automatic_cell_side(s.settings);
+    return cells_of(s.settings.crop, side).pixel_count() * pass_count(s.settings);
+}
+
+bool is_tag(const std::string& tag) {
+    return !tag.empty() && tag.size() <= name_bytes_max;
 }
 
 } // namespace
@@ -41,9 +47,22 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
     if (s.tile_side > tile_side_max)
         return refused(RefusalCode::invalid,
                        "a tile's side is at most " + std::to_string(tile_side_max) + " pixels");
-    if (tile_count(s.settings.crop, tile_side(s)) * pass_count(s.settings) > tiles_per_job_max)
+    if (cell_count(s) > cells_per_job_max)
         return refused(RefusalCode::invalid,
-                       "a job has at most " + std::to_string(tiles_per_job_max) + " tiles");
+                       "a job has at most " + std::to_string(cells_per_job_max) + " tiles");
+    if (s.wishes.tags.size() > tags_max || !std::ranges::all_of(s.wishes.tags, is_tag))
+        return refused(RefusalCode::invalid, "a job has at most " + std::to_string(tags_max) +
+                                                 " tags of 1 to " + std::to_string(name_bytes_max) +
+                                                 " bytes");
+    if (s.wishes.schedule != Schedule::demand) {
+        if (s.settings.limited_in_time())
+            return refused(RefusalCode::invalid,
+                           "a picture with a time limit is dealt out on demand");
+        if (s.tile_side > 0 && cell_count(s) > limits_.dealt_cells_max)
+            return refused(RefusalCode::invalid, "at most " +
+                                                     std::to_string(limits_.dealt_cells_max) +
+                                                     " tiles are dealt out at once");
+    }
     const auto live =
         std::ranges::count_if(jobs_, [](const auto& j) { return !is_over(j.second.phase); });
     if (static_cast<std::size_t>(live) >= limits_.jobs_max)
@@ -66,8 +85,7 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
     if (const auto refused = objection(submission))
         return send(peer, *refused);
 
-    Job fresh(submission, last_number_ + 1, peer,
-              plan_tiles(submission.settings.crop, tile_side(submission), submission.order));
+    Job fresh(submission, last_number_ + 1, peer);
     // What is over makes room for what is to come.
     const auto over_limit = [&]() -> std::optional<std::string> {
         std::uint64_t stored = fresh.stored_bytes();
@@ -208,9 +226,12 @@ void Dispatcher::acknowledge(Job& job) {
     job.acknowledged_at = now_;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
-    ready_.insert(job.id());
+    const SubmitJob& s = job.submission();
+    if (s.tile_side == 0 && !s.settings.limited_in_time())
+        job.probe = Job::Probe::wanted;
+    look_ready(job);
     log(LogLevel::info,
-        described(job) + ": " + std::to_string(job.tile_count()) + " tile(s) queued");
+        described(job) + ": " + std::to_string(s.settings.crop.pixel_count()) + " pixel(s) queued");
     publish_state(job);
 }
 
@@ -247,23 +268,13 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
     send(peer, found.front()->state(identity_.epoch, now_));
 }
 
-void Dispatcher::cancel_job(const PeerId& peer, const CancelJob& cancel) {
-    Job* job = job_of(cancel.job);
-    if (!job)
-        return refuse(peer, RefusalCode::no_such_job, "there is no such job", cancel.job);
-    if (!is_over(job->phase))
-        end_job(*job, JobPhase::cancelled, "cancelled by a client");
-    send(peer, job->state(identity_.epoch, now_));
-}
-
 /// The pictures of jobs with a time limit are as good as they get.
 void Dispatcher::end_jobs_whose_time_is_up() {
     while (!deadlines_.empty() && deadlines_.begin()->first <= now_) {
         Job& job = jobs_.at(deadlines_.begin()->second);
         deadlines_.erase(deadlines_.begin());
         job.set_time_is_up();
-        if (!job.has_pending())
-            ready_.erase(job.id());
+        look_ready(job);
         if (job.all_done())
             end_job(job, JobPhase::done, "");
         else
@@ -272,16 +283,14 @@ void Dispatcher::end_jobs_whose_time_is_up() {
 }
 
 void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
-    const auto assigned = job.assignments(); // a copy: the job forgets them first
-    job.drop_unfinished();
+    const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
     job.phase = phase;
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;
-    ready_.erase(job.id());
+    look_ready(job);
     if (job.acknowledged_at)
         deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
-    for (const auto& [tile, assignment] : assigned)
-        cancel_grant(assignment.peer, {job.id(), tile, assignment.attempt});
+    cancel_unwanted(job, assigned);
     const auto state = job.state(identity_.epoch, now_);
     log(phase == JobPhase::failed ? LogLevel::warning : LogLevel::info,
         described(job) +

@@ -16,7 +16,9 @@ struct Limits {
     std::uint64_t stored_bytes_max = std::uint64_t{8}
                                      << 30; ///< pixels, done and promised, of all jobs kept
     std::uint64_t blob_bytes_max = std::uint64_t{4} << 30; ///< scenes, arrived and announced
-    std::uint32_t attempts_max = 3; ///< failures of one tile before its job fails
+    std::uint32_t attempts_max = 3;          ///< failures of one tile before its job fails
+    std::uint64_t dealt_cells_max = 65'536;  ///< of a job of fixed tiles that is dealt out at once
+    std::uint64_t probe_squares_max = 1'024; ///< in a probe of a picture
     std::size_t topics_max =
         20'000; ///< subscribed job topics remembered; nothing is published on further ones
     std::uint32_t repair_tiles_max = 256; ///< in one answer
@@ -25,6 +27,18 @@ struct Limits {
     std::size_t farm_jobs_max = 200;         ///< in a FarmState
     std::size_t farm_workers_max = 1'000;    ///< in a FarmState
     std::size_t farm_reason_bytes_max = 500; ///< of a job in a FarmState, which is one frame
+
+    // A worker that failed so many tiles within the window gets none for as long.
+    std::uint32_t quarantine_failures = 3;
+    Duration quarantine_window = std::chrono::minutes(10);
+
+    /// A tile should not take less, nor so little that the farm has more of them in a second.
+    Duration tile_time_min = std::chrono::milliseconds(1);
+    double tiles_per_s_max = 20'000;
+    Duration tile_time_max = std::chrono::seconds(5); ///< nor more, where it can be cut
+    /// While workers are idle: how often it is asked whether they could help others out.
+    Duration overbook_interval = std::chrono::milliseconds(50);
+    std::uint32_t overbooked_parts_max = 16; ///< of one tile
 
     Duration heartbeat = std::chrono::seconds(1);
     std::uint32_t liveness = 3; ///< beats a peer may miss

@@ -85,11 +85,12 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
                       "this broker takes " + std::to_string(limits_.workers_max) + " workers");
     WorkerSession& worker = workers_[peer];
     worker.hello = hello;
-    worker.credit = hello.credit;
     worker.heard_at = now_;
-    workers_with_credit_ += hello.credit > 0;
+    worker.credit = 0;
+    if (hello.speed_rays_per_s > 0)
+        worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
+    set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
-    update_load(peer, worker);
     log(LogLevel::info, "worker " + hello.worker_name +
                             " is here: " + std::to_string(hello.threads) + " thread(s), credit " +
                             std::to_string(hello.credit) + ", version " + hello.program_version);
@@ -129,8 +130,10 @@ void Dispatcher::from_client(const PeerId& peer, const Message& message) {
         return take_chunk(peer, *chunk);
     if (const auto* find = std::get_if<FindJob>(&message))
         return find_job(peer, *find);
-    if (const auto* cancel = std::get_if<CancelJob>(&message))
-        return cancel_job(peer, *cancel);
+    if (const auto* control = std::get_if<ControlJob>(&message))
+        return control_job(peer, *control);
+    if (const auto* control = std::get_if<ControlWorker>(&message))
+        return control_worker(peer, *control);
     if (const auto* wish = std::get_if<Repair>(&message))
         return repair(peer, *wish);
     if (std::holds_alternative<Beat>(message))
@@ -146,9 +149,8 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     const auto credit = static_cast<std::uint32_t>(std::min<std::size_t>(beat.credit, credit_max));
     if (credit == 0 && worker.credit > 0)
         log(LogLevel::info, "worker " + worker.hello.worker_name + " drains");
-    workers_with_credit_ -= worker.credit > 0;
-    workers_with_credit_ += credit > 0;
-    worker.credit = credit;
+    if (credit != worker.credit)
+        set_credit(peer, worker, credit);
 
     std::set<GrantKey> listed;
     for (const TileInFlight& tile : beat.in_flight) {
@@ -165,20 +167,15 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     for (const auto& [key, grant] : worker.grants)
         if (!listed.contains(key) && grant.number < beat.tiles_received)
             lost.push_back(key);
-    for (const GrantKey& key : lost) {
-        worker.grants.erase(key);
-        take_back(peer, key, false, worker, "the worker has it no more");
-    }
-    update_load(peer, worker);
+    for (const GrantKey& key : lost)
+        take_back(key, *end_grant(peer, worker, key), false, worker, "the worker has it no more");
     send(peer, Beat{});
 }
 
 void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {
     const PeerId peer = worker->first;
+    set_credit(peer, worker->second, 0);
     const WorkerSession session = std::move(worker->second);
-    if (session.load)
-        free_workers_.erase({*session.load, peer});
-    workers_with_credit_ -= session.credit > 0;
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);
     if (departure == Departure::lost)
@@ -197,8 +194,13 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
         const GrantKey& key = by_age[i].second;
         const bool counts = departure == Departure::lost &&
                             (i < session.hello.threads || session.grants.at(key).rays > 0);
-        take_back(peer, key, counts, session, "the worker was lost");
+        take_back(key, session.grants.at(key), counts, session, "the worker was lost");
     }
+    for (auto& [id, job] : jobs_)
+        if (job.is_dealt_out()) {
+            job.release_share(session.hello.worker);
+            look_ready(job);
+        }
 }
 
 /// The scenes that it was sending: whoever is lost may come back by another connection.

@@ -51,6 +51,20 @@ JobState Dispatcher::brief_state(const Job& job) const {
     return state;
 }
 
+WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
+    const bool quarantined = worker.quarantined_until && *worker.quarantined_until > now_;
+    return {.worker = worker.hello.worker,
+            .worker_name = worker.hello.worker_name,
+            .threads = worker.hello.threads,
+            .credit = worker.credit,
+            .in_flight_count = static_cast<std::uint32_t>(worker.grants.size()),
+            .tiles_done = worker.tiles_done,
+            .rays = worker.rays,
+            .draining = worker.drained || worker.credit == 0,
+            .quarantined = quarantined ? *worker.quarantined_until - now_ : Duration{},
+            .tags = worker.hello.tags};
+}
+
 void Dispatcher::publish_farm_state() {
     if (!farm_subscribed_)
         return;
@@ -61,13 +75,7 @@ void Dispatcher::publish_farm_state() {
     for (const auto& [peer, worker] : workers_) {
         if (farm.workers.size() >= limits_.farm_workers_max)
             break;
-        farm.workers.push_back({.worker = worker.hello.worker,
-                                .worker_name = worker.hello.worker_name,
-                                .threads = worker.hello.threads,
-                                .credit = worker.credit,
-                                .in_flight_count = static_cast<std::uint32_t>(worker.grants.size()),
-                                .tiles_done = worker.tiles_done,
-                                .rays = worker.rays});
+        farm.workers.push_back(worker_state(worker));
     }
     actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
 }
@@ -79,7 +87,7 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
     std::uint32_t tiles = 0;
     std::uint64_t bytes = 0;
     const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
-    const std::uint32_t left = job->missing(Bitmap(Bytes(wish.have)), [&](const TileDone& result) {
+    const std::uint32_t left = job->missing(Bitmap(wish.have), [&](const TileDone& result) {
         const std::uint64_t size =
             result.rect.pixel_count() * job->submission().settings.pixel_bytes();
         if (tiles >= tiles_max || (tiles > 0 && bytes + size > limits_.repair_bytes_max))

@@ -1,12 +1,8 @@
 #include "broker/tile_plan.hpp"
 
-#include "common/base/assert.hpp"
-
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <tuple>
-#include <utility>
 
 namespace fraja::broker {
 namespace {
@@ -103,35 +99,23 @@ std::vector<Cell> ordered(Grid grid, protocol::TileOrder order) {
 
 } // namespace
 
-std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings) {
-    const double even = std::sqrt(static_cast<double>(settings.crop.pixel_count()) / 256);
-    const std::uint32_t side = std::clamp(static_cast<std::uint32_t>(even) / 8 * 8, 8u, 64u);
-    if (settings.error > 0 || settings.limited_in_time())
-        return side == 64 ? 64 : 32;
+std::uint32_t automatic_cell_side(const protocol::PictureSettings& settings) {
+    constexpr std::uint64_t large_picture = 256 * 64 * 64;
+    if (settings.limited_in_time())
+        return settings.crop.pixel_count() >= large_picture ? 64 : 32;
+    std::uint32_t side = settings.error > 0 ? 8 : 2;
+    while (cells_of(settings.crop, side).pixel_count() > automatic_cells_max)
+        side *= 2;
     return side;
 }
 
-std::uint64_t tile_count(PixelRect crop, std::uint32_t side) {
-    return cells_of(crop, side).pixel_count();
-}
-
-std::vector<PixelRect> plan_tiles(PixelRect crop, std::uint32_t side, protocol::TileOrder order) {
-    FRAJA_ASSERT(side > 0 && !crop.empty());
-    const PixelRect cells = cells_of(crop, side);
-    std::vector<PixelRect> tiles;
-    for (const Cell cell : ordered({cells.width, cells.height}, order)) {
-        // 64 bits: the last cell may reach beyond what a coordinate holds.
-        const auto along = [side](std::uint64_t index, std::uint32_t from, std::uint32_t length) {
-            const std::uint64_t begin = std::max<std::uint64_t>(index * side, from);
-            const std::uint64_t end = std::min((index + 1) * side, std::uint64_t{from} + length);
-            return std::pair(static_cast<std::uint32_t>(begin),
-                             static_cast<std::uint32_t>(end - begin));
-        };
-        const auto [x, width] = along(std::uint64_t{cells.x} + cell.column, crop.x, crop.width);
-        const auto [y, height] = along(std::uint64_t{cells.y} + cell.row, crop.y, crop.height);
-        tiles.push_back({x, y, width, height});
-    }
-    return tiles;
+std::vector<std::uint32_t> ordered_cells(std::uint32_t columns, std::uint32_t rows,
+                                         protocol::TileOrder order) {
+    std::vector<std::uint32_t> numbers;
+    numbers.reserve(std::size_t{columns} * rows);
+    for (const Cell cell : ordered({columns, rows}, order))
+        numbers.push_back(cell.row * columns + cell.column);
+    return numbers;
 }
 
 } // namespace fraja::broker

@@ -1,7 +1,6 @@
-// How a picture is cut into tiles, and in which order they are handed out.
+// Into which cells a picture is cut, and in which order they are handed out.
 #pragma once
 
-#include "common/base/pixel_rect.hpp"
 #include "common/protocol/settings.hpp"
 
 #include <cstdint>
@@ -9,19 +8,17 @@
 
 namespace fraja::broker {
 
-/// The side used where the client leaves the choice: about 256 tiles, 8 to 64 pixels, a multiple
-/// of 8. 32 or 64 where small tiles cost more than they bring: those of adaptive pictures draw
-/// samples around them, too, of which whole cells of 32 need the fewest; with a time limit a tile
-/// of the first passes has 4 samples a pixel.
-[[nodiscard]] std::uint32_t automatic_tile_side(const protocol::PictureSettings& settings);
+/// The side of the cells where the client leaves the choice: tiles are rectangles of them then, so
+/// they are as small as the smallest tile that may be wanted in the end. A power of two from 2 on,
+/// and at most `automatic_cells_max` of them. From 8 on for adaptive pictures, whose tiles draw
+/// samples around them, too. With a time limit every tile is one cell, so that is as large as is
+/// good for a tile: 32, or 64 of a large picture.
+[[nodiscard]] std::uint32_t automatic_cell_side(const protocol::PictureSettings& settings);
+inline constexpr std::uint64_t automatic_cells_max = std::uint64_t{1} << 18;
 
-/// Cuts `crop` along a grid of squares of `side` pixels from the picture's top left (less at the
-/// crop's borders), each pixel in exactly one, in the order in which they are to be handed out.
-/// `side` must not be 0.
-[[nodiscard]] std::vector<PixelRect> plan_tiles(PixelRect crop, std::uint32_t side,
-                                                protocol::TileOrder order);
-
-/// How many that are.
-[[nodiscard]] std::uint64_t tile_count(PixelRect crop, std::uint32_t side);
+/// The numbers, row by row, of so many columns and rows, in the order in which they are to be
+/// handed out.
+[[nodiscard]] std::vector<std::uint32_t> ordered_cells(std::uint32_t columns, std::uint32_t rows,
+                                                       protocol::TileOrder order);
 
 } // namespace fraja::broker

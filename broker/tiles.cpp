@@ -1,11 +1,12 @@
-// Dispatcher: who gets which tile, and what becomes of it.
+// Dispatcher: what becomes of the tiles that were given out.
 #include "broker/dispatcher.hpp"
 
+#include "common/protocol/probe.hpp"
 #include "common/protocol/topics.hpp"
 
-#include "common/base/assert.hpp"
-
 #include <algorithm>
+#include <bit>
+#include <cmath>
 
 namespace fraja::broker {
 
@@ -13,98 +14,39 @@ using namespace protocol;
 
 namespace {
 
-std::string described(const Job& job, TileIndex tile) {
-    const PixelRect& r = job.rect(tile);
+std::string described(const Job& job, const Tile& tile) {
+    const PixelRect r = job.rect(tile);
     return "job #" + std::to_string(job.number()) + ", tile " +
-           std::to_string(static_cast<std::uint32_t>(tile)) + " (" + std::to_string(r.x) + "," +
-           std::to_string(r.y) + " " + std::to_string(r.width) + "x" + std::to_string(r.height) +
-           ")";
+           std::to_string(static_cast<std::uint32_t>(job.index(tile))) + " (" +
+           std::to_string(r.x) + "," + std::to_string(r.y) + " " + std::to_string(r.width) + "x" +
+           std::to_string(r.height) + ")";
+}
+
+std::uint64_t byte_count(const std::vector<Blob>& blobs) {
+    std::uint64_t bytes = 0;
+    for (const Blob& blob : blobs)
+        bytes += blob->size();
+    return bytes;
+}
+
+std::vector<float> floats_of(const std::vector<Blob>& blobs) {
+    std::vector<float> floats;
+    std::uint32_t bits = 0;
+    unsigned shift = 0;
+    for (const Blob& blob : blobs)
+        for (const std::byte byte : *blob) {
+            bits |= std::to_integer<std::uint32_t>(byte) << shift;
+            shift += 8;
+            if (shift == 32) {
+                floats.push_back(std::bit_cast<float>(bits));
+                bits = 0;
+                shift = 0;
+            }
+        }
+    return floats;
 }
 
 } // namespace
-
-void Dispatcher::update_load(const PeerId& peer, WorkerSession& worker) {
-    std::optional<std::uint64_t> load;
-    if (worker.grants.size() < worker.credit)
-        load = (std::uint64_t{worker.grants.size()} << 16) / worker.hello.threads;
-    if (load == worker.load)
-        return;
-    if (worker.load)
-        free_workers_.erase({*worker.load, peer});
-    if (load)
-        free_workers_.insert({*load, peer});
-    worker.load = load;
-}
-
-/// Higher priority first; of equals whoever has the fewest tiles in flight, so that jobs share the
-/// farm.
-Job* Dispatcher::job_for_next_tile() {
-    Job* best = nullptr;
-    const auto before = [](const Job& a, const Job& b) {
-        if (a.submission().priority != b.submission().priority)
-            return a.submission().priority > b.submission().priority;
-        if (a.assignments().size() != b.assignments().size())
-            return a.assignments().size() < b.assignments().size();
-        return a.number() < b.number();
-    };
-    for (const JobId& id : ready_) {
-        Job& job = jobs_.at(id);
-        if (!best || before(job, *best))
-            best = &job;
-    }
-    return best;
-}
-
-void Dispatcher::dispatch() {
-    // A job whose pending tiles all failed on the workers that are free waits for others: it is
-    // left out until something else happens.
-    std::vector<JobId> passed_over;
-    while (!free_workers_.empty()) {
-        Job* job = job_for_next_tile();
-        if (!job)
-            break;
-        // any_of stops at the grant, which changes free_workers_.
-        const bool granted = std::ranges::any_of(free_workers_, [&](const auto& free) {
-            const PeerId peer = free.second;
-            return grant_tile(peer, workers_.at(peer), *job);
-        });
-        if (!granted) {
-            passed_over.push_back(job->id());
-            ready_.erase(job->id());
-        }
-    }
-    for (const JobId& id : passed_over)
-        ready_.insert(id);
-}
-
-bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job) {
-    const auto tile = job.assign_next(worker.hello.worker, peer, workers_with_credit_);
-    if (!tile)
-        return false;
-    const AttemptNumber attempt = job.attempt(*tile);
-    FRAJA_ASSERT(worker.grants.size() < worker.credit);
-    worker.grants.emplace(
-        GrantKey{job.id(), *tile, attempt},
-        Grant{.granted_at = now_, .progress_at = now_, .number = worker.tiles_sent++});
-    update_load(peer, worker);
-    if (!job.has_pending())
-        ready_.erase(job.id());
-    const SubmitJob& s = job.submission();
-    send(peer, RenderTile{.job = job.id(),
-                          .tile = *tile,
-                          .attempt = attempt,
-                          .frame = 0,
-                          .pass = job.pass(*tile),
-                          .rect = job.rect(*tile),
-                          .scene = s.scene,
-                          .scene_bytes = s.scene_bytes,
-                          .settings = s.settings});
-    if (job.phase == JobPhase::queued) {
-        job.phase = JobPhase::running;
-        publish_state(job);
-    }
-    return true;
-}
 
 /// An answer has come: its credit is free again. Nothing when nobody waits for it.
 std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, WorkerSession& worker,
@@ -114,9 +56,17 @@ std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, Worke
         ++counters_.stale_answers;
         return std::nullopt;
     }
-    const Grant grant = found->second;
+    Grant grant = found->second;
     worker.grants.erase(found);
+    if (grant.started_at) { // its thread goes on with the next one
+        const auto next = std::ranges::min_element(worker.grants, {}, [](const auto& other) {
+            return std::pair(other.second.started_at.has_value(), other.second.number);
+        });
+        if (next != worker.grants.end() && !next->second.started_at)
+            next->second.started_at = now_;
+    }
     update_load(peer, worker);
+    changed_workers_.push_back(peer);
     return grant;
 }
 
@@ -127,49 +77,90 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     if (!grant)
         return;
     Job* job = job_of(answer.job);
-    if (!job || is_over(job->phase) || job->done(answer.tile)) {
+    if (!job || is_over(job->phase)) {
         ++counters_.stale_answers;
         return;
     }
-    std::uint64_t bytes = 0;
-    for (const Blob& blob : answer.blobs)
-        bytes += blob->size();
+    const bool is_probe = grant->id == OpenTileId::none;
+    if (!is_probe && job->all_cells_done(grant->tile)) {
+        ++counters_.answers_unneeded;
+        return;
+    }
+    const std::uint64_t bytes = byte_count(answer.blobs);
     const std::uint64_t wanted =
-        job->rect(answer.tile).pixel_count() * job->submission().settings.pixel_bytes();
-    if (bytes != wanted)
-        return take_back(peer, key, true, worker,
+        is_probe ? sizeof(float) * static_cast<std::uint64_t>(grant->work)
+                 : job->rect(grant->tile).pixel_count() * job->submission().settings.pixel_bytes();
+    if (bytes != wanted) {
+        count_machine_failure(peer, worker);
+        return take_back(key, *grant, true, worker,
                          "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
                              std::to_string(wanted));
-    accept(*job, peer, worker, answer, now_ - grant->granted_at);
+    }
+    if (is_probe)
+        return take_probe(*job, answer);
+    accept(*job, worker, *grant, answer);
 }
 
-/// `elapsed_max` is how long the worker has had the tile: it cannot have rendered for longer.
-void Dispatcher::accept(Job& job, const PeerId& peer, WorkerSession& worker,
-                        const TileRendered& answer, Duration elapsed_max) {
-    const auto assigned = job.assignments().find(answer.tile);
-    if (assigned != job.assignments().end() &&
-        !job.assigned_as(answer.tile, peer,
-                         answer.attempt)) // somebody else is at it: not needed any more
-        cancel_grant(assigned->second.peer, {job.id(), answer.tile, assigned->second.attempt});
-    auto result = std::make_shared<TileDone>(
-        TileDone{.job = job.id(),
-                 .tile = answer.tile,
-                 .frame = 0,
-                 .pass = job.pass(answer.tile),
-                 .rect = job.rect(answer.tile),
-                 .worker_name = worker.hello.worker_name,
-                 .rays = answer.rays,
-                 .elapsed = std::clamp(answer.elapsed, Duration::zero(), elapsed_max),
-                 .blobs = answer.blobs});
+/// Each block of the picture has the mean of the squares that begin in it; else, as its neighbour.
+void Dispatcher::take_probe(Job& job, const TileRendered& answer) {
+    const std::vector<float> rays = floats_of(answer.blobs);
+    const PixelRect& crop = job.submission().settings.crop;
+    std::uint32_t side = job.grid().side(); // as grant_probe() did
+    while (probe_squares(crop, side) > rays.size())
+        side *= 2;
+    const CostMap& costs = job.costs();
+    const std::uint64_t columns = (std::uint64_t{crop.width} + side - 1) / side;
+    std::vector<double> blocks(std::size_t{costs.columns()} * costs.rows());
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+        const PixelRect block = job.grid().pixels(costs.block(b));
+        const std::uint32_t x0 = (block.x - crop.x) / side, y0 = (block.y - crop.y) / side;
+        const std::uint32_t x1 = (block.x - crop.x + block.width - 1) / side;
+        const std::uint32_t y1 = (block.y - crop.y + block.height - 1) / side;
+        double sum = 0;
+        for (std::uint32_t y = y0; y <= y1; ++y)
+            for (std::uint32_t x = x0; x <= x1; ++x) {
+                const auto value = static_cast<double>(rays[y * columns + x]);
+                sum += std::isfinite(value) && value > 0 ? value : 1;
+            }
+        blocks[b] = sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
+    }
+    job.probe = Job::Probe::over;
+    job.take_probe(blocks);
+    look_ready(job);
+}
+
+/// The worker cannot have rendered for longer than it has had the tile.
+void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
+                        const TileRendered& answer) {
+    const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), now_ - grant.granted_at);
+    auto result = std::make_shared<TileDone>(TileDone{.job = job.id(),
+                                                      .tile = answer.tile,
+                                                      .frame = 0,
+                                                      .pass = grant.tile.pass,
+                                                      .rect = job.rect(grant.tile),
+                                                      .worker_name = worker.hello.worker_name,
+                                                      .rays = answer.rays,
+                                                      .elapsed = elapsed,
+                                                      .blobs = answer.blobs});
     ++worker.tiles_done;
     worker.rays += answer.rays;
-    job.finish(answer.tile, result);
-    if (!job.has_pending())
-        ready_.erase(job.id());
+    const auto rays = static_cast<double>(answer.rays.total());
+    worker.speed.add(rays, elapsed);
+    speed_.add(rays, elapsed);
+    count_capacity(worker);
+    const double work = seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays;
+
+    cancel_unwanted(job, job.finish(grant.id, grant.tile, work, result));
     if (subscribed_jobs_.contains(job.id()))
         actions_->push_back(Publish{job_topic(job.id()), *result});
+    look_ready(job);
     if (job.all_done())
         end_job(job, JobPhase::done, "");
+}
+
+void Dispatcher::cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted) {
+    for (const Job::Unwanted& at : unwanted)
+        cancel_grant(at.assignment.peer, {job.id(), job.index(at.tile), at.assignment.attempt});
 }
 
 void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const TileFailed& answer) {
@@ -178,7 +169,7 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     if (!grant)
         return;
     Job* job = job_of(answer.job);
-    if (!job || is_over(job->phase) || job->done(answer.tile))
+    if (!job || is_over(job->phase))
         return;
     if (answer.code == FailureCode::scene)
         return end_job(*job, JobPhase::failed, answer.reason);
@@ -186,36 +177,46 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     // nobody asked it to would be given the same tile again, for ever: that is a failure.
     const bool at_its_own_wish =
         answer.code == FailureCode::cancelled && !grant->cancelled && worker.credit > 0;
-    take_back(peer, key, answer.code == FailureCode::machine || at_its_own_wish, worker,
-              answer.reason);
+    const bool counts = answer.code == FailureCode::machine || at_its_own_wish;
+    if (counts)
+        count_machine_failure(peer, worker);
+    take_back(key, *grant, counts, worker, answer.reason);
 }
 
 /// A grant has ended without an answer that counts: its tile goes to somebody else, if it is still
 /// wanted and was not given to somebody else already.
-void Dispatcher::take_back(const PeerId& peer, const GrantKey& key, bool counts,
+void Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
                            const WorkerSession& worker, const std::string& why) {
     Job* job = job_of(key.job);
-    if (!job || is_over(job->phase) || !job->has(key.tile) ||
-        !job->assigned_as(key.tile, peer, key.attempt))
+    if (!job || is_over(job->phase))
+        return;
+    if (grant.id == OpenTileId::none) { // it goes without
+        if (job->probe == Job::Probe::in_flight)
+            job->probe = Job::Probe::over;
+        return look_ready(*job);
+    }
+    if (!job->assigned_as(grant.id, key.attempt))
         return;
     ++counters_.tiles_requeued;
-    job->requeue(key.tile);
-    if (job->has_pending())
-        ready_.insert(job->id());
+    job->requeue(grant.id);
+    look_ready(*job);
     if (counts)
-        count_failure(*job, key.tile, worker, why);
+        count_failure(*job, grant, worker, why);
 }
 
-void Dispatcher::count_failure(Job& job, TileIndex tile, const WorkerSession& worker,
+void Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
                                const std::string& why) {
-    const std::uint32_t failures = job.count_failure(tile, worker.hello.worker);
-    log(LogLevel::warning, described(job, tile) + " failed on " + worker.hello.worker_name + ", " +
+    const std::uint32_t failures = job.count_failure(grant.id, worker.hello.worker);
+    if (failures == 0)
+        return; // somebody else is at it
+    const std::string tile = described(job, grant.tile);
+    log(LogLevel::warning, tile + " failed on " + worker.hello.worker_name + ", " +
                                std::to_string(failures) + " of " +
                                std::to_string(limits_.attempts_max) + " times: " + why);
     if (failures >= limits_.attempts_max)
         end_job(job, JobPhase::failed,
-                described(job, tile) + " failed " + std::to_string(failures) +
-                    " times, the last time on " + worker.hello.worker_name + ": " + why);
+                tile + " failed " + std::to_string(failures) + " times, the last time on " +
+                    worker.hello.worker_name + ": " + why);
 }
 
 void Dispatcher::cancel_grant(const PeerId& peer, const GrantKey& key) {
@@ -243,9 +244,10 @@ void Dispatcher::take_back_stuck_tiles() {
                 stuck.emplace_back(peer, key);
     }
     for (const auto& [peer, key] : stuck) {
-        const auto worker = workers_.find(peer);
+        WorkerSession& worker = workers_.at(peer);
         cancel_grant(peer, key);
-        take_back(peer, key, true, worker->second, "it traced no ray within the lease");
+        count_machine_failure(peer, worker);
+        take_back(key, worker.grants.at(key), true, worker, "it traced no ray within the lease");
     }
 }
 

@@ -12,7 +12,7 @@ constexpr Duration ask_repeat = 2s; // unanswered
 
 } // namespace
 
-Asking::Asking(JobQuestion question, SessionOptions session)
+Asking::Asking(Question question, SessionOptions session)
     : question_(std::move(question)), session_(std::move(session)) {}
 
 void Asking::start(Instant now, std::vector<Action>& actions) {
@@ -37,10 +37,13 @@ void Asking::step(Instant now, const Event& event, std::vector<Action>& actions)
     if (const auto* from = std::get_if<FromBroker>(&event)) {
         if (const auto* state = std::get_if<protocol::JobState>(&from->message))
             take(now, *state, actions);
-        else if (const auto* refused = std::get_if<protocol::Refused>(&from->message))
-            finish({refused->code == no_such_job ? ExitCode::no_such_job : ExitCode::usage,
-                    refused->reason},
-                   actions);
+        else if (const auto* farm = std::get_if<protocol::FarmState>(&from->message)) {
+            actions.push_back(News(FarmChanged{*farm}));
+            finish({}, actions);
+        } else if (const auto* refused = std::get_if<protocol::Refused>(&from->message)) {
+            const bool unknown = refused->code == no_such_job || refused->code == no_such_worker;
+            finish({unknown ? ExitCode::no_such_job : ExitCode::usage, refused->reason}, actions);
+        }
     } else if (std::holds_alternative<Tick>(event) && now >= ask_due_) {
         ask(now, actions);
     }
@@ -54,25 +57,26 @@ Instant Asking::next_deadline() const {
 
 void Asking::ask(Instant now, std::vector<Action>& actions) {
     ask_due_ = now + ask_repeat;
-    if (found_)
-        actions.emplace_back(Send{protocol::CancelJob{job_}});
+    if (const auto* worker = std::get_if<WorkerQuestion>(&question_))
+        return actions.emplace_back(Send{protocol::ControlWorker{worker->worker, worker->deed}}),
+               void();
+    const auto& question = std::get<JobQuestion>(question_);
+    if (job_)
+        actions.emplace_back(Send{protocol::ControlJob{*job_, *question.deed, question.priority}});
     else
-        actions.emplace_back(Send{protocol::FindJob{question_.job}});
+        actions.emplace_back(Send{protocol::FindJob{question.job}});
 }
 
 void Asking::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
-    if (found_ && state.job != job_)
+    const auto* question = std::get_if<JobQuestion>(&question_);
+    if (!question || (job_ && state.job != *job_))
         return;
-    const bool settled = !question_.cancel || is_over(state.phase);
-    if (settled) {
-        actions.push_back(News(StateChanged{state}));
-        return finish({}, actions);
-    }
-    if (!found_) {
-        found_ = true;
+    if (!job_ && question->deed) {
         job_ = state.job;
-        ask(now, actions);
+        return ask(now, actions);
     }
+    actions.push_back(News(StateChanged{state}));
+    finish({}, actions);
 }
 
 void Asking::finish(Outcome outcome, std::vector<Action>& actions) {

@@ -1,22 +1,32 @@
-// Asking: one question to the broker, and its answer. What fraja-ctl is made of.
+// Asking: one question or wish to the broker, and its answer. What fraja-ctl is made of.
 #pragma once
 
 #include "client/core.hpp"
 #include "client/session.hpp"
 
+#include <optional>
 #include <string>
+#include <variant>
 
 namespace fraja::client {
 
-/// Finds a job; and cancels it, where that is asked. Tells the state by StateChanged, then is over.
+/// Finds a job, and does something with it, where that is asked. Tells the state by StateChanged,
+/// then is over.
 struct JobQuestion {
     std::string job; ///< as FindJob takes it
-    bool cancel = false;
+    std::optional<protocol::JobDeed> deed{};
+    std::int32_t priority = 0; ///< to set
 };
+/// Does something with a worker. Tells its state by FarmChanged, then is over.
+struct WorkerQuestion {
+    std::string worker; ///< as ControlWorker takes it
+    protocol::WorkerDeed deed{};
+};
+using Question = std::variant<JobQuestion, WorkerQuestion>;
 
 class Asking final : public Core {
 public:
-    Asking(JobQuestion question, SessionOptions session);
+    Asking(Question question, SessionOptions session);
 
     void start(Instant now, std::vector<Action>& actions) override;
     void step(Instant now, const Event& event, std::vector<Action>& actions) override;
@@ -27,10 +37,9 @@ private:
     void take(Instant now, const protocol::JobState& state, std::vector<Action>& actions);
     void finish(Outcome outcome, std::vector<Action>& actions);
 
-    JobQuestion question_;
+    Question question_;
     Session session_;
-    bool found_ = false;
-    JobId job_; ///< once found
+    std::optional<JobId> job_; ///< once it is found
     bool finished_ = false;
     Instant ask_due_ = Instant::never();
 };

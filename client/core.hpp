@@ -44,7 +44,7 @@ struct Accepted {
 /// A tile's pixels: checked against the job, and new.
 struct TileArrived {
     protocol::TileDone tile;
-    std::uint32_t tile_count = 0; ///< of its job
+    std::uint32_t cell_count = 0; ///< of its job
 };
 /// The job as the broker sees it now. Older states that come late are not shown.
 struct StateChanged {

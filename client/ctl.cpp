@@ -8,6 +8,7 @@
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
 
+#include <algorithm>
 #include <fmt/core.h>
 #include <iostream>
 #include <string>
@@ -47,7 +48,7 @@ public:
         else if (const auto* changed = std::get_if<StateChanged>(&news))
             job = changed->state;
         else if (const auto* tile = std::get_if<TileArrived>(&news))
-            picture->place(tile->tile, tile->tile_count);
+            picture->place(tile->tile, tile->cell_count);
     }
     std::optional<protocol::JobState> job;
     std::optional<Picture> picture;
@@ -91,29 +92,55 @@ private:
 
     Outcome perform(const ShowJob& command) {
         JobCatcher catcher;
-        const Outcome outcome = ask({command.job, false}, catcher);
+        const Outcome outcome = ask(JobQuestion{command.job}, catcher);
         if (outcome.code == ExitCode::done)
             fmt::print("{}", options_.shared.json ? job_json(*catcher.job) + "\n"
                                                   : job_page(*catcher.job));
         return outcome;
     }
 
-    Outcome perform(const CancelJob& command) {
+    Outcome perform(const ControlJob& command) {
         JobCatcher catcher;
-        if (const Outcome found = ask({command.job, false}, catcher); found.code != ExitCode::done)
+        if (const Outcome found = ask(JobQuestion{command.job}, catcher);
+            found.code != ExitCode::done)
             return found;
         const std::string name = fmt::format("{} #{}", catcher.job->job_name, catcher.job->number);
-        if (!is_over(catcher.job->phase)) {
-            if (!command.yes && !confirmed("cancel " + printable(name)))
+        const bool cancels = command.deed == protocol::JobDeed::cancel;
+        if (!cancels || !is_over(catcher.job->phase)) {
+            if (cancels && !command.yes && !confirmed("cancel " + printable(name)))
                 return {ExitCode::usage, {}}; // confirmed() has said why
             // By its id: a name may mean another job by now.
-            const JobQuestion question{fraja::to_string(catcher.job->job), true};
+            const JobQuestion question{fraja::to_string(catcher.job->job), command.deed,
+                                       command.priority};
             if (const Outcome outcome = ask(question, catcher); outcome.code != ExitCode::done)
                 return outcome;
         }
         if (options_.shared.json)
             fmt::print("{}\n", job_json(*catcher.job));
-        console_.info(fmt::format("{} is {}", name, to_string(catcher.job->phase)));
+        if (command.deed == protocol::JobDeed::set_priority)
+            console_.info(fmt::format("{} has priority {}", name, catcher.job->priority));
+        else
+            console_.info(fmt::format("{} is {}", name, to_string(catcher.job->phase)));
+        return {};
+    }
+
+    Outcome perform(const ControlWorker& command) {
+        const bool kicks = command.deed == protocol::WorkerDeed::kick;
+        if (kicks && !command.yes && !confirmed("kick " + printable(command.worker)))
+            return {ExitCode::usage, {}};
+        FarmCatcher catcher;
+        if (const Outcome outcome = ask(WorkerQuestion{command.worker, command.deed}, catcher);
+            outcome.code != ExitCode::done)
+            return outcome;
+        for (const auto& worker : catcher.farm->workers) {
+            if (options_.shared.json)
+                fmt::print("{}\n", worker_json(worker));
+            console_.info(fmt::format("{} {}", worker.worker_name,
+                                      kicks ? "was told to leave"
+                                      : command.deed == protocol::WorkerDeed::drain
+                                          ? "gets no more tiles"
+                                          : "gets tiles"));
+        }
         return {};
     }
 
@@ -139,9 +166,10 @@ private:
         if (options_.shared.json)
             fmt::print("{}\n", job_json(job));
         if (job.phase != protocol::JobPhase::done)
-            console_.info(fmt::format("{} #{} is {}: {} holds {} of {} tiles", job.job_name,
-                                      job.number, to_string(job.phase), command.output,
-                                      job.done_count, job.tile_count));
+            console_.info(
+                fmt::format("{} #{} is {}: {} holds {}% of its pixels", job.job_name, job.number,
+                            to_string(job.phase), command.output,
+                            100 * std::uint64_t{job.done_count} / std::max(1u, job.cell_count)));
         return {};
     }
 
@@ -151,7 +179,7 @@ private:
         return converse(context, watching, catcher, signals_);
     }
 
-    Outcome ask(JobQuestion question, JobCatcher& catcher) {
+    Outcome ask(Question question, Listener& catcher) {
         const net::Context context;
         Asking asking(std::move(question), session_options(options_.shared));
         return converse(context, asking, catcher, signals_);
@@ -167,7 +195,7 @@ private:
         std::string answer;
         if (std::getline(std::cin, answer) && (answer == "y" || answer == "yes"))
             return true;
-        console_.error("nothing was cancelled");
+        console_.error("nothing was done");
         return false;
     }
 

@@ -4,6 +4,8 @@
 #include "common/protocol/limits.hpp"
 
 #include <CLI/CLI.hpp>
+#include <array>
+#include <utility>
 
 namespace fraja::client {
 namespace {
@@ -13,15 +15,18 @@ constexpr const char* examples = R"(Examples:
   fraja-ctl jobs                         all jobs, the newest first
   fraja-ctl get '#17' -o now.png         the picture as far as it is
   fraja-ctl cancel cone                  asks, then cancels the newest job of that name
+  fraja-ctl drain ada:4711               that worker gets no more tiles
 
-A JOB is an id, the beginning of one, a name (its newest job) or #N.
+A JOB is an id, the beginning of one, a name (its newest job) or #N. A WORKER is an id, the
+beginning of one, or a name.
 )";
 
 } // namespace
 
 Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     SharedArguments shared;
-    std::string job, output;
+    std::string job, worker, output;
+    std::int32_t priority = 0;
     bool yes = false;
     CLI::App app(examples, program);
     shared.add_to(app, program);
@@ -37,9 +42,30 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     const CLI::App* workers = command("workers", "All workers");
     CLI::App* show = command("show", "All about one job");
     takes_job(show);
-    CLI::App* cancel = command("cancel", "Cancel a job");
-    takes_job(cancel);
-    cancel->add_flag("--yes", yes, "Do not ask");
+    using enum protocol::JobDeed;
+    using enum protocol::WorkerDeed;
+    const std::array deeds = {
+        std::pair(cancel, command("cancel", "Cancel a job")),
+        std::pair(pause, command("pause", "Hand out no more of a job's tiles")),
+        std::pair(resume, command("resume", "Go on with a paused job")),
+        std::pair(retry, command("retry", "Go on with a job that failed or was cancelled")),
+        std::pair(set_priority, command("prio", "Change a job's priority"))};
+    for (const auto& [deed, sub] : deeds) {
+        takes_job(sub);
+        if (deed == set_priority)
+            sub->add_option("priority", priority, "Higher goes first")->required()->type_name("N");
+        if (deed == cancel)
+            sub->add_flag("--yes", yes, "Do not ask");
+    }
+    const std::array worker_deeds = {
+        std::pair(drain, command("drain", "Give a worker no more tiles")),
+        std::pair(undrain, command("undrain", "Give it tiles again, also out of quarantine")),
+        std::pair(kick, command("kick", "Tell a worker to leave; others get its tiles"))};
+    for (const auto& [deed, sub] : worker_deeds) {
+        sub->add_option("worker", worker, "Worker")->required()->type_name("WORKER");
+        if (deed == kick)
+            sub->add_flag("--yes", yes, "Do not ask");
+    }
     CLI::App* get = command("get", "Write the picture as far as it is");
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
@@ -53,6 +79,8 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     options.shared = *std::move(read);
     if (job.size() > protocol::string_bytes_max)
         return usage_error(program, "that is no JOB: it is too long");
+    if (worker.size() > protocol::string_bytes_max)
+        return usage_error(program, "that is no WORKER: it is too long");
     if (get->parsed())
         if (const auto kind = pixel_kind(output); !kind)
             return usage_error(program, kind.error().message);
@@ -62,10 +90,14 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
         options.command = ListWorkers{};
     else if (show->parsed())
         options.command = ShowJob{job};
-    else if (cancel->parsed())
-        options.command = CancelJob{job, yes};
-    else
+    else if (get->parsed())
         options.command = GetPicture{job, output};
+    for (const auto& [deed, sub] : deeds)
+        if (sub->parsed())
+            options.command = ControlJob{job, deed, priority, yes};
+    for (const auto& [deed, sub] : worker_deeds)
+        if (sub->parsed())
+            options.command = ControlWorker{worker, deed, yes};
     return options;
 }
 

@@ -2,7 +2,9 @@
 #pragma once
 
 #include "client/options.hpp"
+#include "common/protocol/messages.hpp"
 
+#include <cstdint>
 #include <string>
 #include <variant>
 #include <vector>
@@ -14,15 +16,23 @@ struct ListWorkers {};
 struct ShowJob {
     std::string job;
 };
-struct CancelJob {
+struct ControlJob {
     std::string job;
+    protocol::JobDeed deed{};
+    std::int32_t priority = 0;
+    bool yes = false; ///< do not ask
+};
+struct ControlWorker {
+    std::string worker;
+    protocol::WorkerDeed deed{};
     bool yes = false; ///< do not ask
 };
 struct GetPicture {
     std::string job;
     std::string output;
 };
-using CtlCommand = std::variant<ListJobs, ListWorkers, ShowJob, CancelJob, GetPicture>;
+using CtlCommand =
+    std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker, GetPicture>;
 
 struct CtlOptions {
     SharedOptions shared;

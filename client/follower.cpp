@@ -48,10 +48,15 @@ bool has_all_tiles(const protocol::JobState& state) {
     return state.phase == protocol::JobPhase::done && !state.settings.limited_in_time();
 }
 
+protocol::CellGrid grid_of(const protocol::JobState& state) {
+    return state.cell_side > 0 ? protocol::CellGrid(state.settings.crop, state.cell_side)
+                               : protocol::CellGrid();
+}
+
 std::uint32_t tiles_per_repair(const protocol::JobState& state) {
     const std::uint64_t pixels = state.settings.crop.pixel_count();
     const std::uint64_t tile_bytes =
-        std::max<std::uint64_t>(1, pixels / std::max(state.tile_count, 1u)) *
+        std::max<std::uint64_t>(1, pixels / std::max(state.cell_count, 1u)) *
         state.settings.pixel_bytes();
     return static_cast<std::uint32_t>(
         std::clamp<std::uint64_t>(repair_bytes / tile_bytes, 1, repair_tiles_max));
@@ -60,15 +65,18 @@ std::uint32_t tiles_per_repair(const protocol::JobState& state) {
 } // namespace
 
 Follower::Follower(protocol::JobState state, Rng rng)
-    : state_(std::move(state)), rng_(rng), have_(state_.tile_count) {
+    : state_(std::move(state)), grid_(grid_of(state_)), rng_(rng), have_(state_.cell_count) {
     FRAJA_ASSERT(is_sound(state_));
 }
 
 bool Follower::is_sound(const protocol::JobState& state) {
-    return state.tile_count <= protocol::tiles_per_job_max && protocol::validate(state.settings) &&
-           state.tile_count % protocol::pass_count(state.settings) == 0 &&
-           state.done_count <= state.tile_count &&
-           (state.phase != protocol::JobPhase::done || state.tile_count > 0) &&
+    const bool is_cut = state.cell_side > 0;
+    return state.cell_count <= protocol::cells_per_job_max && protocol::validate(state.settings) &&
+           state.cell_side <= protocol::tile_side_max &&
+           state.cell_count ==
+               (is_cut ? grid_of(state).count() * protocol::pass_count(state.settings) : 0) &&
+           state.done_count <= state.cell_count &&
+           (state.phase != protocol::JobPhase::done || is_cut) &&
            state.elapsed >= Duration::zero() && state.elapsed <= elapsed_max;
 }
 
@@ -127,34 +135,40 @@ Instant Follower::next_deadline() const {
 }
 
 void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Action>& actions) {
-    if (!fits(tile)) {
+    const auto cells_of_tile = cells(tile);
+    if (!cells_of_tile) {
         ++counts_.rubbish;
         return;
     }
     if (!repair_pending_ && !barrier_pending_)
         repair_wanted_ = now + silence_max;
-    const auto index = static_cast<std::size_t>(tile.tile);
-    if (have_.test(index)) {
+    std::uint32_t fresh = 0;
+    (void)grid_.all_of(*cells_of_tile, [&](std::uint64_t cell) {
+        const auto bit = static_cast<std::size_t>(tile.pass * grid_.count() + cell);
+        fresh += !have_.test(bit);
+        have_.set(bit);
+        return true;
+    });
+    if (fresh == 0) {
         ++counts_.duplicates;
         return;
     }
-    have_.set(index);
-    ++have_count_;
+    have_count_ += fresh;
     repair_brought_any_ = true;
-    actions.push_back(News(TileArrived{tile, state_.tile_count}));
+    actions.push_back(News(TileArrived{tile, state_.cell_count}));
 }
 
-bool Follower::fits(const protocol::TileDone& tile) const {
-    if (tile.job != state_.job || static_cast<std::uint32_t>(tile.tile) >= state_.tile_count ||
-        tile.rect.empty() || !tile.rect.inside(state_.settings.crop))
-        return false;
-    const std::uint32_t tiles_per_pass = state_.tile_count / protocol::pass_count(state_.settings);
-    if (tile.pass != static_cast<std::uint32_t>(tile.tile) / tiles_per_pass)
-        return false;
+std::optional<protocol::CellRect> Follower::cells(const protocol::TileDone& tile) const {
+    if (tile.job != state_.job || tile.pass >= protocol::pass_count(state_.settings))
+        return std::nullopt;
+    const auto found = grid_.cells(tile.rect);
+    if (!found ||
+        tile.pass * grid_.count() + grid_.index(*found) != static_cast<std::uint32_t>(tile.tile))
+        return std::nullopt;
     std::uint64_t bytes = 0;
     for (const Blob& blob : tile.blobs)
         bytes += blob->size();
-    return bytes == state_.settings.pixel_bytes() * tile.rect.pixel_count();
+    return bytes == state_.settings.pixel_bytes() * tile.rect.pixel_count() ? found : std::nullopt;
 }
 
 void Follower::take(Instant now, const protocol::JobState& state, bool digest,
@@ -204,17 +218,19 @@ void Follower::take(Instant now, const protocol::Barrier& barrier, std::vector<A
 
 /// Whether the state is about this job and can be. Shows it when it is newer.
 bool Follower::adopt(const protocol::JobState& state, std::vector<Action>& actions) {
-    const bool same_tiles = state.tile_count == state_.tile_count ||
-                            state_.tile_count == 0; // not cut before the scene is there
+    const bool same_cells =
+        state.cell_side == state_.cell_side || state_.cell_side == 0; // it was not cut before
     if (state.job != state_.job || !is_sound(state) || state.settings != state_.settings ||
-        !same_tiles) {
+        !same_cells) {
         ++counts_.rubbish;
         return false;
     }
     if (!is_newer(state, state_))
         return true;
-    if (state_.tile_count == 0)
-        have_ = protocol::Bitmap(state.tile_count);
+    if (state_.cell_side == 0) {
+        grid_ = grid_of(state);
+        have_ = protocol::Bitmap(state.cell_count);
+    }
     state_ = state;
     actions.push_back(News(StateChanged{state_}));
     return true;
@@ -262,7 +278,7 @@ void Follower::ask_if_due(Instant now, std::vector<Action>& actions) {
 void Follower::look_whether_complete() {
     if (!is_over(state_.phase))
         return;
-    if (have_count_ >= (has_all_tiles(state_) ? state_.tile_count : state_.done_count))
+    if (have_count_ >= (has_all_tiles(state_) ? state_.cell_count : state_.done_count))
         complete_ = true;
 }
 

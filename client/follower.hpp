@@ -9,8 +9,10 @@
 #include "client/core.hpp"
 #include "common/base/rng.hpp"
 #include "common/protocol/bitmap.hpp"
+#include "common/protocol/cells.hpp"
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace fraja::client {
@@ -48,6 +50,7 @@ public:
 
     [[nodiscard]] const protocol::JobState& state() const { return state_; } ///< the newest
     [[nodiscard]] const protocol::Bitmap& have() const { return have_; }
+    /// Cells.
     [[nodiscard]] std::uint32_t have_count() const { return have_count_; }
     [[nodiscard]] const FollowerCounts& counts() const { return counts_; }
 
@@ -57,7 +60,8 @@ private:
               std::vector<Action>& actions);
     void take(Instant now, const protocol::RepairDone& done, std::vector<Action>& actions);
     void take(Instant now, const protocol::Barrier& barrier, std::vector<Action>& actions);
-    [[nodiscard]] bool fits(const protocol::TileDone& tile) const;
+    /// Its cells, if it is a tile of the job.
+    [[nodiscard]] std::optional<protocol::CellRect> cells(const protocol::TileDone& tile) const;
     [[nodiscard]] bool adopt(const protocol::JobState& state, std::vector<Action>& actions);
     void tick(Instant now, std::vector<Action>& actions);
     void raise_barrier(Instant now, std::vector<Action>& actions);
@@ -66,6 +70,7 @@ private:
     void look_whether_complete();
 
     protocol::JobState state_;
+    protocol::CellGrid grid_;
     Rng rng_;
     protocol::Bitmap have_;
     std::uint32_t have_count_ = 0;

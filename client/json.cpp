@@ -52,8 +52,11 @@ Json job_object(const protocol::JobState& s) {
         json["reason"] = s.reason;
     json["scene"] = fraja::to_string(s.scene);
     json["settings"] = settings_object(s.settings);
-    json["tile_count"] = s.tile_count;
+    json["priority"] = s.priority;
+    json["cell_side"] = s.cell_side;
+    json["cell_count"] = s.cell_count;
     json["done_count"] = s.done_count;
+    json["share_done"] = s.share_done;
     json["in_flight_count"] = s.in_flight_count;
     json["worker_count"] = s.worker_count;
     add_counts(json, s.rays);
@@ -63,10 +66,16 @@ Json job_object(const protocol::JobState& s) {
 }
 
 Json worker_object(const protocol::WorkerState& w) {
-    Json json = {{"schema", "fraja.worker/1"}, {"worker", fraja::to_string(w.worker)},
-                 {"name", w.worker_name},      {"threads", w.threads},
-                 {"credit", w.credit},         {"in_flight_count", w.in_flight_count},
-                 {"tiles_done", w.tiles_done}};
+    Json json = {{"schema", "fraja.worker/1"},
+                 {"worker", fraja::to_string(w.worker)},
+                 {"name", w.worker_name},
+                 {"threads", w.threads},
+                 {"credit", w.credit},
+                 {"in_flight_count", w.in_flight_count},
+                 {"tiles_done", w.tiles_done},
+                 {"draining", w.draining},
+                 {"quarantined_s", seconds(w.quarantined)},
+                 {"tags", w.tags}};
     add_counts(json, w.rays);
     return json;
 }
@@ -110,7 +119,7 @@ std::string progress_json(const ProgressView& v) {
                  {"number", v.number},
                  {"state", to_string(v.phase)},
                  {"done_count", v.done_count},
-                 {"tile_count", v.tile_count},
+                 {"cell_count", v.cell_count},
                  {"worker_count", v.worker_count},
                  {"rays_per_s", v.rays_per_s},
                  {"elapsed_s", seconds(v.elapsed)}};
@@ -134,7 +143,7 @@ std::string submit_json(const SubmissionReport& r) {
     if (r.job.number != 0 || r.job.job != JobId{}) {
         json["job"] = fraja::to_string(r.job.job);
         json["number"] = r.job.number;
-        json["tile_count"] = r.job.tile_count;
+        json["cell_count"] = r.job.cell_count;
         json["done_count"] = r.job.done_count;
         json["workers"] = r.workers;
         if (r.estimate)
@@ -160,6 +169,8 @@ std::string_view to_string(protocol::JobPhase phase) {
         return "queued";
     case protocol::JobPhase::running:
         return "running";
+    case protocol::JobPhase::paused:
+        return "paused";
     case protocol::JobPhase::done:
         return "done";
     case protocol::JobPhase::failed:

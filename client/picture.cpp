@@ -60,11 +60,11 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
     return tile;
 }
 
-PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t tile_count) {
+PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t cell_count) {
     std::vector<std::uint32_t> samples(protocol::pass_count(settings));
     for (std::uint32_t pass = 0; pass < samples.size(); ++pass)
         samples[pass] = protocol::pass_of(pass).count;
-    const std::size_t tiles = tile_count / samples.size();
+    const std::size_t tiles = cell_count / samples.size();
     return {settings.size, settings.crop, std::move(samples), tiles};
 }
 
@@ -75,16 +75,28 @@ Picture::Picture(const protocol::PictureSettings& settings)
       film_(settings.size, settings.crop,
             settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
 
-void Picture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
+void Picture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
     if (tile.pass == 0)
-        pixels_placed_ += tile.rect.pixel_count();
+        count_placed(tile.rect);
     if (!settings_.limited_in_time())
         return film_.place(tile_of(tile, settings_));
     if (!passes_) {
-        passes_.emplace(pass_film(settings_, tile_count));
+        passes_.emplace(pass_film(settings_, cell_count));
         film_ = Film(settings_.size, {}); // not needed any more
     }
     passes_->place(tile.pass, tile_of(tile, settings_));
+}
+
+/// Tiles may overlap.
+void Picture::count_placed(const PixelRect& rect) {
+    const PixelRect& crop = settings_.crop;
+    placed_.resize(static_cast<std::size_t>(crop.pixel_count()));
+    for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
+        for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x) {
+            const std::size_t at = std::size_t{y - crop.y} * crop.width + (x - crop.x);
+            pixels_placed_ += !placed_[at];
+            placed_[at] = true;
+        }
 }
 
 std::optional<Estimate> Picture::estimate() const {
@@ -173,9 +185,9 @@ void LivePicture::begin(const protocol::JobState& job, std::filesystem::path pat
     attributes_ = picture_attributes(job.scene, job.settings);
 }
 
-void LivePicture::place(const protocol::TileDone& tile, std::uint32_t tile_count) {
+void LivePicture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
     FRAJA_ASSERT(picture_.has_value());
-    picture_->place(tile, tile_count);
+    picture_->place(tile, cell_count);
     changed_ = true;
 }
 

@@ -30,8 +30,8 @@ public:
     explicit Picture(const protocol::PictureSettings& settings);
 
     /// The tile must have been checked against the job, as Follower does.
-    /// `tile_count`: the job's.
-    void place(const protocol::TileDone& tile, std::uint32_t tile_count);
+    /// `cell_count`: the job's.
+    void place(const protocol::TileDone& tile, std::uint32_t cell_count);
     /// Of the region's pixels, those that there is anything of.
     [[nodiscard]] std::uint64_t pixels_placed() const { return pixels_placed_; }
     [[nodiscard]] const Film& film() const { return passes_ ? passes_->film() : film_; }
@@ -44,9 +44,12 @@ public:
                                      const std::vector<PictureAttribute>& attributes) const;
 
 private:
+    void count_placed(const PixelRect& rect);
+
     protocol::PictureSettings settings_;
     Film film_;
     std::optional<PassFilm> passes_; ///< instead of it, from the first tile of a pass on
+    std::vector<bool> placed_;       ///< of the crop's pixels, row by row; once a tile has come
     std::uint64_t pixels_placed_ = 0;
 };
 
@@ -65,7 +68,7 @@ class LivePicture {
 public:
     /// Call when the job is known; again, when another is: it starts anew.
     void begin(const protocol::JobState& job, std::filesystem::path path);
-    void place(const protocol::TileDone& tile, std::uint32_t tile_count);
+    void place(const protocol::TileDone& tile, std::uint32_t cell_count);
     /// Writes if that is due. Returns when it next is.
     [[nodiscard]] Result<Instant> tick(Instant now);
     /// Writes what is there, if anything is.

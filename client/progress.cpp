@@ -29,11 +29,9 @@ std::string format_rate(double rays_per_s) {
 }
 
 double share_done(const protocol::JobState& s) {
-    if (s.tile_count == 0)
-        return 0;
-    const double tiles = static_cast<double>(s.done_count) / s.tile_count;
     if (!s.settings.limited_in_time())
-        return tiles;
+        return std::clamp(s.share_done, 0.0, 1.0);
+    const double tiles = s.cell_count > 0 ? static_cast<double>(s.done_count) / s.cell_count : 0;
     if (s.phase == protocol::JobPhase::done)
         return 1;
     // The last moments are the first pass's, if it takes longer than there was time.
@@ -63,7 +61,7 @@ void ProgressMeter::update(const protocol::JobState& s) {
     view_.number = s.number;
     view_.phase = s.phase;
     view_.done_count = s.done_count;
-    view_.tile_count = s.tile_count;
+    view_.cell_count = s.cell_count;
     view_.share = share_done(s);
     view_.worker_count = s.worker_count;
     view_.elapsed = s.elapsed;

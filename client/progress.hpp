@@ -15,7 +15,7 @@ struct ProgressView {
     std::string job_name;
     std::uint32_t number = 0;
     protocol::JobPhase phase{};
-    std::uint32_t done_count = 0, tile_count = 0;
+    std::uint32_t done_count = 0, cell_count = 0;
     double share = 0; ///< share_done()
     std::uint32_t worker_count = 0;
     double rays_per_s = 0; ///< 0: not known

@@ -55,7 +55,7 @@ private:
             progress_.update(news.state);
     }
     void take(Instant, const TileArrived& news) {
-        picture_->place(news.tile, news.tile_count);
+        picture_->place(news.tile, news.cell_count);
         workers_.insert(news.tile.worker_name);
     }
     void take(Instant, const StateChanged& news) {
@@ -163,7 +163,8 @@ private:
                                           .settings = options_.settings,
                                           .tile_side = options_.tile_side,
                                           .order = options_.order,
-                                          .priority = options_.priority},
+                                          .priority = options_.priority,
+                                          .wishes = options_.wishes},
                                   .scene_text = scene_.text,
                                   .session = session_options(options_.shared),
                                   .detach = options_.detach,

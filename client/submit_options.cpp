@@ -26,6 +26,7 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces the instruction set of --local; it never c
 )";
 
 constexpr std::uint32_t threads_max = 2048;
+constexpr std::uint32_t workers_max = 1'000'000;
 /// More is asked for than floats can tell.
 constexpr double error_min = 0.001;
 
@@ -33,8 +34,8 @@ constexpr double error_min = 0.001;
 struct Arguments {
     SharedArguments shared;
     SubmitOptions options;
-    std::string size, crop, tile = "auto", order = "auto", kernel = "fast", filter = "box",
-                            time_limit, timeout;
+    std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
+                            filter = "box", time_limit, timeout;
     CLI::Option* max_samples = nullptr;
     bool overwrite = false;
 };
@@ -105,6 +106,20 @@ void add_job_options(CLI::App& app, Arguments& a) {
     app.add_option("-p,--priority", o.priority, "Higher goes first")
         ->capture_default_str()
         ->type_name("N");
+    app.add_option("--max-workers", o.wishes.workers_max, "At most so many workers at a time")
+        ->default_str("as many as help")
+        ->check(CLI::Range(1u, workers_max))
+        ->type_name("N");
+    app.add_option("--tag", o.wishes.tags,
+                   "Only workers with this tag, K or K=V; K alone fits any value; repeatable")
+        ->allow_extra_args(false)
+        ->type_name("K[=V]");
+    app.add_option("--schedule", a.schedule,
+                   "How tiles are dealt out: demand; or at the start, for comparison: static "
+                   "(equal shares), weighted (by cost and capacity) or stealing")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"demand", "static", "weighted", "stealing"}))
+        ->type_name("SCHEDULE");
     app.add_option("-n,--name", o.job_name, "Name of the job")
         ->default_str("scene name")
         ->type_name("NAME");
@@ -176,6 +191,20 @@ Result<void> read_tiles(Arguments& a) {
               : a.order == "spiral" ? spiral
               : a.order == "diadic" ? diadic
                                     : automatic;
+    o.wishes.schedule = a.schedule == "static"     ? protocol::Schedule::equal
+                        : a.schedule == "weighted" ? protocol::Schedule::weighted
+                        : a.schedule == "stealing" ? protocol::Schedule::stealing
+                                                   : protocol::Schedule::demand;
+    if (o.wishes.schedule != protocol::Schedule::demand && o.settings.limited_in_time())
+        return invalid_option("--schedule " + a.schedule +
+                              ": a picture with --time-limit is dealt out on demand");
+    if (o.wishes.tags.size() > protocol::tags_max)
+        return invalid_option("--tag: at most " + std::to_string(protocol::tags_max) + " of them");
+    for (const std::string& tag : o.wishes.tags)
+        if (tag.empty() || tag.starts_with('=') || tag.size() > protocol::name_bytes_max)
+            return invalid_option("--tag '" + tag.substr(0, protocol::name_bytes_max) +
+                                  "': K or K=V of at most " +
+                                  std::to_string(protocol::name_bytes_max) + " bytes");
     if (a.tile == "auto")
         return {};
     const auto side = parse_count(a.tile);
@@ -184,9 +213,9 @@ Result<void> read_tiles(Arguments& a) {
                               std::to_string(protocol::tile_side_max) + " pixels");
     o.tile_side = static_cast<std::uint32_t>(*side);
     if (cells_of(o.settings.crop, o.tile_side).pixel_count() * protocol::pass_count(o.settings) >
-        protocol::tiles_per_job_max)
+        protocol::cells_per_job_max)
         return invalid_option("--tile " + a.tile + ": that makes more than " +
-                              std::to_string(protocol::tiles_per_job_max) + " tiles");
+                              std::to_string(protocol::cells_per_job_max) + " tiles");
     return {};
 }
 

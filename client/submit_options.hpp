@@ -2,7 +2,7 @@
 #pragma once
 
 #include "client/options.hpp"
-#include "common/protocol/settings.hpp"
+#include "common/protocol/messages.hpp"
 
 #include <cstdint>
 #include <optional>
@@ -20,6 +20,7 @@ struct SubmitOptions {
     std::uint32_t tile_side = 0; ///< 0: the broker chooses
     protocol::TileOrder order = protocol::TileOrder::automatic;
     std::int32_t priority = 0;
+    protocol::Wishes wishes;
     bool local = false;
     std::uint32_t local_threads = 0; ///< 0: every CPU this process may use
     bool detach = false, wait = false, dry_run = false, stats = false;

@@ -72,30 +72,41 @@ std::string jobs_table(const std::vector<protocol::JobState>& jobs) {
     auto sorted = jobs;
     std::ranges::sort(sorted, std::ranges::greater{}, &protocol::JobState::number);
     std::vector<Row> rows = {
-        {"JOB", "NAME", "STATE", "DONE", "TILES", "WORKERS", "RAYS", "TIME", "ID"}};
+        {"JOB", "NAME", "STATE", "DONE", "IN FLIGHT", "WORKERS", "RAYS", "TIME", "ID"}};
     for (const auto& job : sorted) {
         const unsigned percent = ProgressView::percent_of(share_done(job));
         rows.push_back({"#" + std::to_string(job.number), cut(job.job_name, 24),
                         std::string(to_string(job.phase)), std::to_string(percent) + "%",
-                        std::to_string(job.tile_count), std::to_string(job.worker_count),
+                        std::to_string(job.in_flight_count), std::to_string(job.worker_count),
                         format_count(job.rays.total()), format_duration(job.elapsed),
                         fraja::to_string(job.job)});
     }
     return table_of(rows, "><<>>>>><");
 }
 
+namespace {
+
+std::string state_of(const protocol::WorkerState& worker) {
+    if (worker.quarantined > Duration::zero())
+        return "quarantined for " + format_duration(worker.quarantined);
+    return worker.draining ? "draining" : worker.in_flight_count > 0 ? "busy" : "idle";
+}
+
+} // namespace
+
 std::string workers_table(const std::vector<protocol::WorkerState>& workers) {
     if (workers.empty())
         return "no workers\n";
     auto sorted = workers;
     std::ranges::stable_sort(sorted, {}, &protocol::WorkerState::worker_name);
-    std::vector<Row> rows = {{"WORKER", "THREADS", "CREDIT", "IN FLIGHT", "TILES", "RAYS", "ID"}};
+    std::vector<Row> rows = {
+        {"WORKER", "THREADS", "CREDIT", "IN FLIGHT", "TILES", "RAYS", "STATE", "ID"}};
     for (const auto& worker : sorted)
         rows.push_back({cut(worker.worker_name, 40), std::to_string(worker.threads),
                         std::to_string(worker.credit), std::to_string(worker.in_flight_count),
                         std::to_string(worker.tiles_done), format_count(worker.rays.total()),
-                        fraja::to_string(worker.worker)});
-    return table_of(rows, "<>>>>><");
+                        state_of(worker), fraja::to_string(worker.worker)});
+    return table_of(rows, "<>>>>><<");
 }
 
 std::string tile_line(const protocol::TileDone& tile) {
@@ -117,8 +128,12 @@ std::string job_page(const protocol::JobState& s) {
     if (p.crop.pixel_count() != p.size.pixel_count())
         text += fmt::format(", of it {},{},{},{}", p.crop.x, p.crop.y, p.crop.width, p.crop.height);
     text += fmt::format("\nsettings  {}\n", settings_text(p));
-    text += fmt::format("tiles     {} of {} done, {} in flight at {} worker(s)\n", s.done_count,
-                        s.tile_count, s.in_flight_count, s.worker_count);
+    text += fmt::format("priority  {}\n", s.priority);
+    text +=
+        fmt::format("done      {} of {} cells of {}x{} pixels, {:.1f}% of the work; {} tile(s) in "
+                    "flight at {} worker(s)\n",
+                    s.done_count, s.cell_count, s.cell_side, s.cell_side, 100 * s.share_done,
+                    s.in_flight_count, s.worker_count);
     text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",
                         s.rays.total(), s.rays.camera, s.rays.reflected, s.rays.refracted,
                         s.rays.shadow);

@@ -66,7 +66,7 @@ private:
     void take(const TileArrived& news) {
         fmt::print("{}\n", options_.shared.json ? tile_json(news.tile) : tile_line(news.tile));
         if (!options_.output.empty())
-            picture_.place(news.tile, news.tile_count);
+            picture_.place(news.tile, news.cell_count);
     }
     void take(const StateChanged& news) {
         progress_.update(news.state);

@@ -111,7 +111,7 @@ void JobWatching::look_whether_done(std::vector<Action>& actions) {
         return finish(outcome_of(f.state()), actions);
     const bool limited = f.state().settings.limited_in_time(); // tells no number of tiles
     const double share = limited ? share_done(f.state())
-                                 : f.have_count() / static_cast<double>(f.state().tile_count);
+                                 : f.have_count() / static_cast<double>(f.state().cell_count);
     if (request_.until.share < 1 && f.have_count() > 0 && share >= request_.until.share)
         return finish({}, actions);
     if (request_.until.once && f.has_caught_up())

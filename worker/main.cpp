@@ -109,6 +109,7 @@ spdlog::level::level_enum to_spdlog(worker::LogLevel level) {
 int exit_code(worker::FinishReason reason, int last_signal) {
     switch (reason) {
     case worker::FinishReason::drained:
+    case worker::FinishReason::dismissed:
         return Exit::done;
     case worker::FinishReason::stopped:
         return Exit::interrupted + last_signal;

@@ -4,6 +4,7 @@
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
+#include "common/protocol/probe.hpp"
 #include "common/scene/raj_reader.hpp"
 
 #include <algorithm>
@@ -103,6 +104,25 @@ std::byte byte_of(std::uint32_t bits, unsigned index) {
     return static_cast<std::byte>(bits >> (8 * index) & 0xff);
 }
 
+/// One ray through the middle of each square: how many it leads to.
+Result<Drawn> probe(const CompiledScene& scene, const protocol::PictureSettings& settings,
+                    const PixelRect& rect, std::uint32_t side, RenderControl& control) {
+    RenderSettings plain = render_settings(settings, 0);
+    plain = {.size = plain.size, .depth = plain.depth, .exact = plain.exact};
+    Tile rays{.rect = rect, .rgb = {}};
+    RayCounts all;
+    for (std::uint64_t i = 0; i < protocol::probe_squares(rect, side); ++i) {
+        const PixelRect square = protocol::probe_square(rect, side, i);
+        const PixelRect middle{square.x + square.width / 2, square.y + square.height / 2, 1, 1};
+        const auto drawn = scene.render_tile(plain, middle, control);
+        if (!drawn)
+            return drawn.error();
+        rays.rgb.push_back(static_cast<float>(rays_of(drawn->rays).total()));
+        all += drawn->rays;
+    }
+    return Drawn{pixel_blobs(rays), all};
+}
+
 } // namespace
 
 std::vector<Blob> pixel_blobs(const Tile& tile) {
@@ -160,6 +180,7 @@ void RenderPool::perform(SessionIndex session, const StartTile& action) {
                     .pass = action.pass,
                     .rect = action.rect,
                     .settings = action.settings,
+                    .probe_side = action.probe_side,
                     .control = std::make_shared<RenderControl>()};
     if (drawing.compiled)
         return enqueue(std::move(drawing));
@@ -268,6 +289,8 @@ void RenderPool::carry_out(Compiling deed) {
 void RenderPool::carry_out(Drawing deed) {
     const Instant begin = net::now();
     auto drawn = guarded([&]() -> Result<Drawn> {
+        if (deed.probe_side > 0)
+            return probe(*deed.compiled, deed.settings, deed.rect, deed.probe_side, *deed.control);
         auto tile = deed.compiled->render_tile(render_settings(deed.settings, deed.pass), deed.rect,
                                                *deed.control);
         if (!tile)

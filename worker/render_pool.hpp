@@ -79,6 +79,7 @@ private:
         std::uint32_t pass;
         PixelRect rect;
         protocol::PictureSettings settings;
+        std::uint32_t probe_side;
         std::shared_ptr<RenderControl> control;
     };
     using Deed = std::variant<Reading, Compiling, Drawing>;

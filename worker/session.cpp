@@ -4,6 +4,7 @@
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/probe.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -56,7 +57,12 @@ Result<void> validate(const protocol::RenderTile& order) {
     const auto invalid = [](std::string why) {
         return Error{ErrorCode::invalid_argument, std::move(why)};
     };
-    if (r.empty() || r.width > protocol::tile_side_max || r.height > protocol::tile_side_max)
+    if (order.probe_side > 0) {
+        const std::uint64_t squares = protocol::probe_squares(r, order.probe_side);
+        if (squares == 0 || squares > protocol::probe_squares_max)
+            return invalid("the probe has " + std::to_string(squares) + " squares: 1 to " +
+                           std::to_string(protocol::probe_squares_max));
+    } else if (r.empty() || r.width > protocol::tile_side_max || r.height > protocol::tile_side_max)
         return invalid("the tile is " + std::to_string(r.width) + "x" + std::to_string(r.height) +
                        " pixels: 1 to " + std::to_string(protocol::tile_side_max) + " a side");
     if (!r.inside(order.settings.crop))
@@ -162,6 +168,11 @@ void Session::on_message(Turn& turn, const protocol::Refused& message) {
     } else {
         count_oddity(turn, "refused: " + message.reason);
     }
+}
+
+void Session::on_message(Turn& turn, const protocol::Dismissed& message) {
+    turn.log(LogLevel::warning, "told to leave: " + message.reason);
+    finish(turn, FinishReason::dismissed);
 }
 
 void Session::on_message(Turn&, const protocol::Beat&) {
@@ -458,8 +469,8 @@ Session::Tiles::iterator Session::find_tile(JobId job, TileIndex tile, AttemptNu
 
 void Session::start_tile(Turn& turn, Ticket ticket, Tile& tile) {
     tile.started = true;
-    turn.actions.emplace_back(
-        StartTile{ticket, tile.order.scene, tile.order.pass, tile.order.rect, tile.order.settings});
+    turn.actions.emplace_back(StartTile{ticket, tile.order.scene, tile.order.pass, tile.order.rect,
+                                        tile.order.settings, tile.order.probe_side});
 }
 
 /// Stops what runs; the answer, if one is due, was sent before.

@@ -71,7 +71,7 @@ struct TileFinished {
     Ticket ticket{};
     protocol::Rays rays;
     Duration elapsed{};
-    std::vector<Blob> blobs; ///< as in protocol::TileRendered
+    std::vector<Blob> blobs; ///< as in protocol::TileRendered, also of a probe
 };
 /// Whose fault it is: as in SceneFailed.
 struct TileBroken {
@@ -115,6 +115,7 @@ struct StartTile {
     std::uint32_t pass = 0;
     PixelRect rect;
     protocol::PictureSettings settings;
+    std::uint32_t probe_side = 0; ///< as in protocol::RenderTile
 };
 /// An answer is not wanted any more.
 struct StopTile {
@@ -132,6 +133,7 @@ enum class FinishReason : std::uint8_t {
     drained,
     stopped,          ///< tiles were handed back
     version_mismatch, ///< the broker speaks another protocol version
+    dismissed,        ///< the broker told it to leave
 };
 /// The last action ever: the session is over.
 struct Finished {
@@ -185,6 +187,7 @@ private:
 
     void on_message(Turn& turn, const protocol::Welcome& message);
     void on_message(Turn& turn, const protocol::Refused& message);
+    void on_message(Turn& turn, const protocol::Dismissed& message);
     void on_message(Turn& turn, const protocol::Beat& message);
     void on_message(Turn& turn, const protocol::Chunk& message);
     void on_message(Turn& turn, const protocol::RenderTile& message);

@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 4;
+inline constexpr std::uint16_t version = 5;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -76,10 +76,18 @@ struct TileInFlight {
     }
 };
 
-enum class JobPhase : std::uint8_t { waiting_for_scene, queued, running, done, failed, cancelled };
+enum class JobPhase : std::uint8_t {
+    waiting_for_scene,
+    queued,
+    running,
+    paused,
+    done,
+    failed,
+    cancelled
+};
 template <>
 struct ValueCount<JobPhase> {
-    static constexpr unsigned value = 6;
+    static constexpr unsigned value = 7;
 };
 [[nodiscard]] constexpr bool is_over(JobPhase p) {
     return p >= JobPhase::done;
@@ -94,10 +102,11 @@ enum class RefusalCode : std::uint8_t {
     no_such_job,
     conflict, ///< the id is taken by something else
     invalid,  ///< the content makes no sense
+    no_such_worker,
 };
 template <>
 struct ValueCount<RefusalCode> {
-    static constexpr unsigned value = 8;
+    static constexpr unsigned value = 9;
 };
 
 enum class FailureCode : std::uint8_t {
@@ -108,6 +117,47 @@ enum class FailureCode : std::uint8_t {
 template <>
 struct ValueCount<FailureCode> {
     static constexpr unsigned value = 3;
+};
+
+/// How a job's tiles are dealt out. It never changes pixels.
+enum class Schedule : std::uint8_t {
+    demand,   ///< whoever has room gets the next tile, as large as is good then
+    equal,    ///< each worker that is here at the start gets an equal share of the pixels
+    weighted, ///< shares by what they are thought to cost, and by what their workers can do
+    stealing, ///< as equal; whoever is through with its own share takes of the others'
+};
+template <>
+struct ValueCount<Schedule> {
+    static constexpr unsigned value = 4;
+};
+
+enum class JobDeed : std::uint8_t { cancel, pause, resume, retry, set_priority };
+template <>
+struct ValueCount<JobDeed> {
+    static constexpr unsigned value = 5;
+};
+
+enum class WorkerDeed : std::uint8_t {
+    drain,   ///< it gets no more tiles
+    undrain, ///< it does again; a quarantine ends, too
+    kick,    ///< it is told to leave, and its tiles are given to others
+};
+template <>
+struct ValueCount<WorkerDeed> {
+    static constexpr unsigned value = 3;
+};
+
+/// Beside priority, what is wanted of those who render a job.
+struct Wishes {
+    Schedule schedule = Schedule::demand;
+    std::uint32_t workers_max = 0; ///< at a time; 0: as many as help
+    std::vector<std::string> tags; ///< a worker must have each: K or K=V; K alone fits any value
+    friend bool operator==(const Wishes&, const Wishes&) = default;
+    static constexpr auto fields() {
+        using T = Wishes;
+        return std::tuple{Field{"schedule", &T::schedule}, Field{"workers_max", &T::workers_max},
+                          Field{"tags", &T::tags}};
+    }
 };
 
 // --------------------------------------------------------------------------------------- sessions
@@ -214,6 +264,14 @@ struct Goodbye {
     static constexpr auto fields() { return std::tuple{}; }
 };
 
+struct Dismissed {
+    static constexpr std::uint16_t type = 8;
+    static constexpr std::string_view name = "Dismissed";
+    std::string reason;
+    friend bool operator==(const Dismissed&, const Dismissed&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"reason", &Dismissed::reason}}; }
+};
+
 // -------------------------------------------------------------------------------- scenes as blobs
 
 struct NeedChunk {
@@ -255,13 +313,15 @@ struct SubmitJob {
     std::uint32_t tile_side = 0;
     TileOrder order = TileOrder::automatic;
     std::int32_t priority = 0;
+    Wishes wishes;
     friend bool operator==(const SubmitJob&, const SubmitJob&) = default;
     static constexpr auto fields() {
         using T = SubmitJob;
         return std::tuple{Field{"job", &T::job},           Field{"job_name", &T::job_name},
                           Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
                           Field{"settings", &T::settings}, Field{"tile_side", &T::tile_side},
-                          Field{"order", &T::order},       Field{"priority", &T::priority}};
+                          Field{"order", &T::order},       Field{"priority", &T::priority},
+                          Field{"wishes", &T::wishes}};
     }
 };
 
@@ -276,8 +336,11 @@ struct JobState {
     std::string reason;
     ContentHash scene;
     PictureSettings settings;
-    std::uint32_t tile_count = 0;
+    std::uint32_t cell_side = 0;
+    std::uint32_t cell_count = 0;
     std::uint32_t done_count = 0;
+    double share_done = 0;
+    std::int32_t priority = 0;
     std::uint32_t in_flight_count = 0;
     std::uint32_t worker_count = 0;
     Rays rays;
@@ -294,8 +357,11 @@ struct JobState {
                           Field{"reason", &T::reason},
                           Field{"scene", &T::scene},
                           Field{"settings", &T::settings},
-                          Field{"tile_count", &T::tile_count},
+                          Field{"cell_side", &T::cell_side},
+                          Field{"cell_count", &T::cell_count},
                           Field{"done_count", &T::done_count},
+                          Field{"share_done", &T::share_done},
+                          Field{"priority", &T::priority},
                           Field{"in_flight_count", &T::in_flight_count},
                           Field{"worker_count", &T::worker_count},
                           Field{"rays", &T::rays},
@@ -312,12 +378,18 @@ struct FindJob {
     static constexpr auto fields() { return std::tuple{Field{"what", &FindJob::what}}; }
 };
 
-struct CancelJob {
+struct ControlJob {
     static constexpr std::uint16_t type = 23;
-    static constexpr std::string_view name = "CancelJob";
+    static constexpr std::string_view name = "ControlJob";
     JobId job;
-    friend bool operator==(const CancelJob&, const CancelJob&) = default;
-    static constexpr auto fields() { return std::tuple{Field{"job", &CancelJob::job}}; }
+    JobDeed deed{};
+    std::int32_t priority = 0; ///< to set
+    friend bool operator==(const ControlJob&, const ControlJob&) = default;
+    static constexpr auto fields() {
+        using T = ControlJob;
+        return std::tuple{Field{"job", &T::job}, Field{"deed", &T::deed},
+                          Field{"priority", &T::priority}};
+    }
 };
 
 struct Repair {
@@ -345,6 +417,17 @@ struct RepairDone {
     }
 };
 
+struct ControlWorker {
+    static constexpr std::uint16_t type = 26;
+    static constexpr std::string_view name = "ControlWorker";
+    std::string what;
+    WorkerDeed deed{};
+    friend bool operator==(const ControlWorker&, const ControlWorker&) = default;
+    static constexpr auto fields() {
+        return std::tuple{Field{"what", &ControlWorker::what}, Field{"deed", &ControlWorker::deed}};
+    }
+};
+
 // ------------------------------------------------------------------------------------------- tiles
 
 struct RenderTile {
@@ -359,14 +442,15 @@ struct RenderTile {
     ContentHash scene;
     std::uint64_t scene_bytes = 0;
     PictureSettings settings;
+    std::uint32_t probe_side = 0;
     friend bool operator==(const RenderTile&, const RenderTile&) = default;
     static constexpr auto fields() {
         using T = RenderTile;
-        return std::tuple{Field{"job", &T::job},          Field{"tile", &T::tile},
-                          Field{"attempt", &T::attempt},  Field{"frame", &T::frame},
-                          Field{"pass", &T::pass},        Field{"rect", &T::rect},
-                          Field{"scene", &T::scene},      Field{"scene_bytes", &T::scene_bytes},
-                          Field{"settings", &T::settings}};
+        return std::tuple{Field{"job", &T::job},           Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt},   Field{"frame", &T::frame},
+                          Field{"pass", &T::pass},         Field{"rect", &T::rect},
+                          Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
+                          Field{"settings", &T::settings}, Field{"probe_side", &T::probe_side}};
     }
 };
 
@@ -459,6 +543,9 @@ struct WorkerState {
     std::uint32_t in_flight_count = 0;
     std::uint64_t tiles_done = 0;
     Rays rays;
+    bool draining = false;
+    Duration quarantined{};
+    std::vector<std::string> tags;
     friend bool operator==(const WorkerState&, const WorkerState&) = default;
     static constexpr auto fields() {
         using T = WorkerState;
@@ -468,7 +555,10 @@ struct WorkerState {
                           Field{"credit", &T::credit},
                           Field{"in_flight_count", &T::in_flight_count},
                           Field{"tiles_done", &T::tiles_done},
-                          Field{"rays", &T::rays}};
+                          Field{"rays", &T::rays},
+                          Field{"draining", &T::draining},
+                          Field{"quarantined", &T::quarantined},
+                          Field{"tags", &T::tags}};
     }
 };
 
@@ -485,10 +575,10 @@ struct FarmState {
     }
 };
 
-using Message =
-    std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye, NeedChunk,
-                 Chunk, SubmitJob, JobState, FindJob, CancelJob, Repair, RepairDone, RenderTile,
-                 TileRendered, TileFailed, CancelTile, TileDone, Barrier, FarmState>;
+using Message = std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye,
+                             Dismissed, NeedChunk, Chunk, SubmitJob, JobState, FindJob, ControlJob,
+                             Repair, RepairDone, ControlWorker, RenderTile, TileRendered,
+                             TileFailed, CancelTile, TileDone, Barrier, FarmState>;
 
 template <class M>
 concept CarriesBlobs = requires(M m) {

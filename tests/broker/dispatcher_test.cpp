@@ -177,7 +177,7 @@ TEST_CASE("cancelling stops the tiles in flight and leaves the other jobs alone"
     farm.worker_arrives("w", 1, 2, 4);
     const JobId job = farm.submit(1, 10);
     const auto tiles = farm.tiles("w");
-    farm.say("client", CancelJob{job});
+    farm.say("client", ControlJob{job, JobDeed::cancel, 0});
     CHECK(farm.last<JobState>("client").phase == JobPhase::cancelled);
     CHECK(farm.all<CancelTile>("w").size() == 4);
     const JobId next = farm.submit(2, 10);
@@ -187,7 +187,7 @@ TEST_CASE("cancelling stops the tiles in flight and leaves the other jobs alone"
     CHECK(farm.tiles("w").size() == 4);
     CHECK(farm.state(next).phase == JobPhase::running);
     CHECK(farm.state(job).phase == JobPhase::cancelled);
-    farm.say("client", CancelJob{id_of<JobId>(77)});
+    farm.say("client", ControlJob{id_of<JobId>(77), JobDeed::cancel, 0});
     CHECK(farm.last<Refused>("client").code == RefusalCode::no_such_job);
 }
 

@@ -44,7 +44,7 @@ TEST_CASE("jobs beyond jobs_max are refused until one is over") {
     farm.submit(2, 1);
     farm.say("client", Farm::picture(3, 1));
     CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
-    farm.say("client", CancelJob{id_of<JobId>(1)});
+    farm.say("client", ControlJob{id_of<JobId>(1), JobDeed::cancel, 0});
     farm.say("client", Farm::picture(3, 1));
     CHECK(farm.dispatcher.job_count() == 3);
 }
@@ -55,7 +55,7 @@ TEST_CASE("the oldest finished jobs beyond finished_jobs_max are forgotten") {
     Farm farm(limits);
     for (std::uint8_t i = 1; i <= 4; ++i) {
         farm.submit(i, 1);
-        farm.say("client", CancelJob{id_of<JobId>(i)});
+        farm.say("client", ControlJob{id_of<JobId>(i), JobDeed::cancel, 0});
     }
     CHECK(farm.dispatcher.job_count() == 2);
     farm.forget("client");
@@ -79,7 +79,8 @@ TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else 
     farm.say("client", Farm::picture(2, 2));
     CHECK(farm.last<JobState>("client").number == 2);
     CHECK(farm.dispatcher.job_count() == 1);
-    farm.say("client", CancelJob{id_of<JobId>(2)}); // of which there is nothing to keep
+    farm.say("client",
+             ControlJob{id_of<JobId>(2), JobDeed::cancel, 0}); // of which there is nothing to keep
     farm.say("client", Farm::picture(3, 2));
     CHECK(farm.last<JobState>("client").number == 3);
     CHECK(farm.dispatcher.job_count() == 2);
@@ -114,8 +115,8 @@ TEST_CASE("submissions that make no sense are refused") {
              Row{"tile too large", [](SubmitJob& s) { s.tile_side = tile_side_max + 1; }},
              Row{"too many tiles",
                  [](SubmitJob& s) {
-                     s.settings.size = {1024, tiles_per_job_max / 1024 + 1};
-                     s.settings.crop = {0, 0, 1024, tiles_per_job_max / 1024 + 1};
+                     s.settings.size = {1024, cells_per_job_max / 1024 + 1};
+                     s.settings.crop = {0, 0, 1024, cells_per_job_max / 1024 + 1};
                      s.tile_side = 1;
                  }},
              Row{"name too long",
@@ -132,13 +133,13 @@ TEST_CASE("submissions that make no sense are refused") {
     }
 }
 
-TEST_CASE("a job of tiles_per_job_max tiles is taken") {
+TEST_CASE("a job of cells_per_job_max tiles is taken") {
     Farm farm;
     SubmitJob picture = Farm::picture(1, 1);
-    picture.settings.size = {1024, tiles_per_job_max / 1024};
-    picture.settings.crop = {0, 0, 1024, tiles_per_job_max / 1024};
+    picture.settings.size = {1024, cells_per_job_max / 1024};
+    picture.settings.crop = {0, 0, 1024, cells_per_job_max / 1024};
     picture.tile_side = 1;
-    CHECK(farm.state(farm.submit("client", picture)).tile_count == tiles_per_job_max);
+    CHECK(farm.state(farm.submit("client", picture)).cell_count == cells_per_job_max);
 }
 
 TEST_CASE("a scene that does not come for scene_patience fails its job and makes room") {

@@ -39,7 +39,7 @@ TEST_CASE("a job with a time limit is drawn pass after pass") {
     Farm farm;
     farm.worker_arrives("w", 1, 1, 2);
     const JobId job = farm.submit("client", limited(3, 10s));
-    CHECK(farm.state(job).tile_count == 3 * pass_count(limited(3, 10s).settings));
+    CHECK(farm.state(job).cell_count == 3 * pass_count(limited(3, 10s).settings));
     const auto tiles = render_tiles(farm, 8);
     REQUIRE(tiles.size() == 8);
     for (std::uint32_t i = 0; i < tiles.size(); ++i) {
@@ -130,7 +130,7 @@ TEST_CASE("a job that was cancelled has no deadline any more") {
     Farm farm;
     farm.worker_arrives("w", 1, 1, 2);
     const JobId job = farm.submit("client", limited(2, 10s));
-    farm.say("client", CancelJob{job});
+    farm.say("client", ControlJob{job, JobDeed::cancel, 0});
     farm.pass(11s);
     CHECK(farm.state(job).phase == JobPhase::cancelled);
 }
@@ -155,7 +155,7 @@ TEST_CASE("of the passes as many are drawn as there is room for in stored_bytes_
     const JobState state = farm.state(job);
     CHECK(state.phase == JobPhase::done);
     CHECK(state.done_count == 6);
-    CHECK(state.tile_count == 3 * pass_count(limited(3, 10s).settings)); // where tiles lie
+    CHECK(state.cell_count == 3 * pass_count(limited(3, 10s).settings)); // where tiles lie
     // What is over makes room, and one that has been cut short takes up what it has.
     SubmitJob next = limited(3, 10s);
     next.job = id_of<JobId>(2);

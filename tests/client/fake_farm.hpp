@@ -65,7 +65,8 @@ public:
                                            plan_.settings.crop.x + plan_.settings.crop.width - x),
                                   std::min(plan_.tile_side, plan_.settings.crop.y +
                                                                 plan_.settings.crop.height - y)});
-        state_.tile_count = static_cast<std::uint32_t>(rects_.size());
+        state_.cell_side = plan_.tile_side;
+        state_.cell_count = static_cast<std::uint32_t>(rects_.size());
         if (plan_.exists_at_start) {
             exists_ = true;
             state_.phase = protocol::JobPhase::queued;
@@ -90,7 +91,7 @@ public:
 
     [[nodiscard]] Instant now() const { return now_; }
     [[nodiscard]] const protocol::JobState& state() const { return state_; }
-    [[nodiscard]] std::uint32_t tile_count() const { return state_.tile_count; }
+    [[nodiscard]] std::uint32_t cell_count() const { return state_.cell_count; }
     [[nodiscard]] bool healed() const { return now_ >= Instant{} + faults_.heal_after; }
 
     // What the core made of it.
@@ -200,7 +201,7 @@ private:
         protocol::JobState state = state_;
         switch (rng_.below(12)) {
         case 0:
-            tile.tile = TileIndex{state_.tile_count + static_cast<std::uint32_t>(rng_.below(9))};
+            tile.tile = TileIndex{state_.cell_count + static_cast<std::uint32_t>(rng_.below(9))};
             return tile;
         case 1:
             tile.rect.x = UINT32_MAX - 1;
@@ -219,7 +220,7 @@ private:
             return tile;
         case 6:
             state.settings.depth += 1;
-            state.tile_count += 1;
+            state.cell_count += 1;
             return state;
         case 7:
             state.job.bytes[9] ^= 1;
@@ -229,7 +230,7 @@ private:
             state.settings.size.width = 1u << 31;
             return state;
         case 9:
-            state.done_count = state.tile_count + 1;
+            state.done_count = state.cell_count + 1;
             return protocol::RepairDone{state, 0};
         case 10:
             return protocol::Barrier{Nonce{{42}}, 1};
@@ -355,7 +356,7 @@ private:
             return take_chunk(*chunk);
         if (std::holds_alternative<FindJob>(message))
             return exists_ ? answer(state_) : forget(JobId{});
-        if (const auto* cancel = std::get_if<CancelJob>(&message)) {
+        if (const auto* cancel = std::get_if<ControlJob>(&message)) {
             if (!exists_)
                 return forget(cancel->job);
             if (!is_over(state_.phase))

@@ -40,7 +40,8 @@ protocol::JobState job_of_four_tiles() {
     state.phase = protocol::JobPhase::running;
     state.settings.size = {4, 1};
     state.settings.crop = {0, 0, 4, 1};
-    state.tile_count = 4;
+    state.cell_side = 1;
+    state.cell_count = 4;
     return state;
 }
 
@@ -245,11 +246,11 @@ TEST_CASE("a state that contradicts the job is not believed") {
         state.phase = protocol::JobPhase::cancelled;
     }
     wrong[0].job = JobId{{2}};
-    wrong[1].tile_count = 5;
-    wrong[2].tile_count = 0;
+    wrong[1].cell_count = 5;
+    wrong[2].cell_count = 0;
     wrong[3].settings.depth += 1;
     wrong[4].done_count = 5;
-    wrong[5].tile_count = UINT32_MAX;
+    wrong[5].cell_count = UINT32_MAX;
     wrong[6].settings.error = 1; // its tiles would be larger
     for (const auto& state : wrong) {
         f.step(FromStream{state});
@@ -265,7 +266,7 @@ TEST_CASE("a state that contradicts the job is not believed") {
 TEST_CASE("a job that is not cut yet is followed once it is") {
     auto job = job_of_four_tiles();
     job.phase = protocol::JobPhase::waiting_for_scene;
-    job.tile_count = 0;
+    job.cell_side = job.cell_count = 0;
     Follower follower(job, Rng(1));
     std::vector<Action> actions;
     follower.start({}, actions);
@@ -299,7 +300,7 @@ TEST_CASE("a watcher that is there from the start sees every tile once without a
     JobWatching watching(watch_request(), Rng(1));
     CHECK(farm.run(watching, 60s));
     CHECK(farm.outcome == Outcome{});
-    check_delivered(farm, farm.tile_count());
+    check_delivered(farm, farm.cell_count());
     CHECK(farm.repairs == 1); // the one after the barrier
 }
 
@@ -324,9 +325,9 @@ TEST_CASE("a watcher joins at any time, whatever the stream drops, and sees ever
         JobWatching watching(watch_request(), Rng(rng.next()));
         REQUIRE(farm.run(watching, 120s));
         CHECK(farm.outcome == Outcome{});
-        check_delivered(farm, farm.tile_count());
+        check_delivered(farm, farm.cell_count());
         REQUIRE(watching.follower());
-        for (std::uint32_t tile = 0; tile < farm.tile_count(); ++tile)
+        for (std::uint32_t tile = 0; tile < farm.cell_count(); ++tile)
             CHECK(watching.follower()->have().test(tile));
     });
 }
@@ -353,7 +354,7 @@ TEST_CASE("whoever cannot reach the stream gets every tile all the same") {
     FakeFarm farm(existing(), {.no_stream = true}, 1);
     JobWatching watching(watch_request(), Rng(1));
     REQUIRE(farm.run(watching, 60s));
-    check_delivered(farm, farm.tile_count());
+    check_delivered(farm, farm.cell_count());
 }
 
 TEST_CASE("a watcher waits for a job that a restarted broker has yet to be told of again") {
@@ -364,7 +365,7 @@ TEST_CASE("a watcher waits for a job that a restarted broker has yet to be told 
     JobWatching watching(watch_request(), Rng(1));
     REQUIRE(farm.run(watching, 60s));
     CHECK(farm.outcome->code == ExitCode::done);
-    check_delivered(farm, farm.tile_count());
+    check_delivered(farm, farm.cell_count());
 }
 
 TEST_CASE("a job that is found but later forgotten ends the watcher with no_such_job") {

@@ -235,8 +235,8 @@ TEST_CASE("fraja-ctl reads its commands, with shared options on either side") {
     CHECK(std::holds_alternative<ListJobs>(command("jobs").command));
     CHECK(std::holds_alternative<ListWorkers>(command("workers").command));
     CHECK(std::get<ShowJob>(command("show #1").command).job == "#1");
-    CHECK(std::get<CancelJob>(command("cancel cone --yes").command).yes);
-    CHECK_FALSE(std::get<CancelJob>(command("cancel cone").command).yes);
+    CHECK(std::get<ControlJob>(command("cancel cone --yes").command).yes);
+    CHECK_FALSE(std::get<ControlJob>(command("cancel cone").command).yes);
     CHECK(std::get<GetPicture>(command("get cone -o a.png").command).output == "a.png");
     for (const char* line : {"-b h:1 jobs", "jobs -b h:1"})
         CHECK(command(line).shared.brokers == std::vector<std::string>{"tcp://h:1"});

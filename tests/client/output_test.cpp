@@ -33,8 +33,10 @@ protocol::JobState job() {
     state.number = 17;
     state.job_name = "cone";
     state.phase = protocol::JobPhase::running;
-    state.tile_count = 200;
+    state.cell_count = 200;
     state.done_count = 126;
+    state.share_done = 0.63;
+    state.in_flight_count = 8;
     state.rays = {10, 20, 30, 40, 50, 60, 70, 80, 0};
     state.elapsed = 1500ms;
     return state;
@@ -171,8 +173,8 @@ TEST_CASE("tables have columns, and words where there is nothing") {
     CHECK(jobs_table({}) == "no jobs\n");
     CHECK(workers_table({}) == "no workers\n");
     const std::string table = jobs_table({job()});
-    CHECK(table.starts_with("JOB  NAME  STATE    DONE  TILES"));
-    CHECK(table.find("#17  cone  running   63%    200") != std::string::npos);
+    CHECK(table.starts_with("JOB  NAME  STATE    DONE  IN FLIGHT"));
+    CHECK(table.find("#17  cone  running   63%          8") != std::string::npos);
     protocol::WorkerState ada, bob;
     ada.worker_name = "ada";
     bob.worker_name = "bob\x1b[2J";

@@ -13,8 +13,9 @@ protocol::JobState running(Duration elapsed, std::uint32_t done, std::uint64_t r
     state.job_name = "cone";
     state.number = 17;
     state.phase = protocol::JobPhase::running;
-    state.tile_count = 100;
+    state.cell_count = 100;
     state.done_count = done;
+    state.share_done = done / 100.0;
     state.worker_count = 12;
     state.rays.camera = rays;
     state.elapsed = elapsed;
@@ -28,7 +29,7 @@ TEST_CASE("the progress line is the one of the manual") {
                             .number = 17,
                             .phase = protocol::JobPhase::running,
                             .done_count = 63,
-                            .tile_count = 100,
+                            .cell_count = 100,
                             .share = 0.63,
                             .worker_count = 12,
                             .rays_per_s = 38.1e6,
@@ -41,7 +42,7 @@ TEST_CASE("the progress line says what is waited for") {
     ProgressView view{.job_name = "cone",
                       .number = 1,
                       .phase = protocol::JobPhase::queued,
-                      .tile_count = 9,
+                      .cell_count = 9,
                       .remaining = {}};
     CHECK(progress_line(view) == "cone #1  0%  waiting for workers  0:00");
     view.connected = false;
@@ -58,7 +59,7 @@ TEST_CASE("the progress line says what is waited for") {
 TEST_CASE("percent is rounded down: 100 is the end") {
     const auto percent = [](std::uint32_t done, std::uint32_t all) {
         protocol::JobState job;
-        job.tile_count = all, job.done_count = done;
+        job.share_done = all > 0 ? static_cast<double>(done) / all : 0;
         return ProgressView::percent_of(share_done(job));
     };
     CHECK(percent(4'194'303, 4'194'304) == 99);
@@ -70,7 +71,7 @@ TEST_CASE("percent is rounded down: 100 is the end") {
 
 TEST_CASE("a job with a time limit is done by its time, or when there is nothing more to do") {
     protocol::JobState job;
-    job.tile_count = 1600, job.done_count = 100;
+    job.cell_count = 1600, job.done_count = 100;
     job.settings.time_limit = 10s;
     job.phase = protocol::JobPhase::running;
     job.elapsed = 5s;

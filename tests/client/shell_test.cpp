@@ -55,7 +55,8 @@ private:
             state_.scene = submit->scene;
             state_.settings = submit->settings;
             state_.phase = JobPhase::waiting_for_scene;
-            state_.tile_count = 4;
+            state_.cell_side = 1;
+            state_.cell_count = 4;
             send(peer, state_);
             send(peer, NeedChunk{submit->scene, 0});
         } else if (const auto* chunk = std::get_if<Chunk>(&message)) {

@@ -33,7 +33,7 @@ SubmissionRequest request_for(const FakeJob& job, Bytes scene) {
 void check_whole(const FakeFarm& farm) {
     CHECK(farm.outcome == Outcome{});
     CHECK(farm.pixels_right);
-    CHECK(farm.delivered.size() == farm.tile_count());
+    CHECK(farm.delivered.size() == farm.cell_count());
     for (const auto& [tile, times] : farm.delivered) {
         CAPTURE(tile);
         CHECK(times == 1);
@@ -202,12 +202,13 @@ TEST_CASE("another job's state is no acknowledgement") {
     state.scene = request.job.scene;
     state.settings = request.job.settings;
     state.phase = protocol::JobPhase::queued;
-    state.tile_count = 4;
+    state.cell_side = 128; // of 256 x 192 pixels
+    state.cell_count = 4;
     std::vector<protocol::JobState> wrong(4, state);
     wrong[0].job = JobId{{6}};
     wrong[1].scene = ContentHash{};
     wrong[2].settings.depth += 1;
-    wrong[3].tile_count = UINT32_MAX;
+    wrong[3].cell_count = UINT32_MAX;
     for (const auto& bad : wrong) {
         Dialogue d(request);
         d.say(bad);

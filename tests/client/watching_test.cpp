@@ -59,7 +59,7 @@ TEST_CASE("a question is asked until it is answered") {
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
         CAPTURE(seed);
         FakeFarm farm(existing(3), {.session_drop = 0.6, .heal_after = 8s}, seed);
-        Asking asking({"cone", true}, session());
+        Asking asking(JobQuestion{"cone", protocol::JobDeed::cancel}, session());
         const bool over = farm.run(asking, 60s);
         REQUIRE(over);
         if (farm.outcome->code == ExitCode::unreachable)

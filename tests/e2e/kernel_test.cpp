@@ -95,8 +95,9 @@ TEST_CASE("a worker draws a scene with both kernels at once, each for whom it is
 
 TEST_CASE("the fast kernel is what users get, and what it counts comes from a farm as it is") {
     const Scratch scratch;
-    const Words picture = {scene("overlapping_spheres"), "-r", "64x48", "--stats", "--json", "-o",
-                           scratch.file("x.png")};
+    const Words picture = {
+        scene("overlapping_spheres"), "-r", "64x48", "--tile", "16", "--stats", "--json", "-o",
+        scratch.file("x.png")}; // tests depend on the tiles
     const auto local = submit(with(picture, {"--local"}));
     REQUIRE(local.exit == 0);
     const auto want = nlohmann::json::parse(local.out);

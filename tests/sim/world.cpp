@@ -488,7 +488,8 @@ private:
                       .scene_bytes = scene.size(),
                       .settings = plan.settings,
                       .tile_side = plan.tile_side,
-                      .priority = plan.priority};
+                      .priority = plan.priority,
+                      .wishes = plan.wishes};
         job_of_scene_[client.job.scene] = i;
         report_.jobs[i].submitted_at = now_.since_start;
         client::SubmissionRequest request{.job = client.job,

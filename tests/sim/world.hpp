@@ -4,7 +4,7 @@
 
 #include "broker/limits.hpp"
 #include "common/base/instant.hpp"
-#include "common/protocol/settings.hpp"
+#include "common/protocol/messages.hpp"
 
 #include <chrono>
 #include <cstdint>
@@ -42,6 +42,7 @@ struct JobPlan {
     protocol::PictureSettings settings;
     std::uint32_t tile_side = 0;
     std::int32_t priority = 0;
+    protocol::Wishes wishes;
     std::size_t scene_bytes = 100;
     /// What rendering a tile costs, at speed 1.
     std::function<Duration(PixelRect)> cost;

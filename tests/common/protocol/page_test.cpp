@@ -92,6 +92,12 @@ std::string type_name() {
         return "RefusalCode";
     else if constexpr (std::is_same_v<T, FailureCode>)
         return "FailureCode";
+    else if constexpr (std::is_same_v<T, Schedule>)
+        return "Schedule";
+    else if constexpr (std::is_same_v<T, JobDeed>)
+        return "JobDeed";
+    else if constexpr (std::is_same_v<T, WorkerDeed>)
+        return "WorkerDeed";
     else if constexpr (std::is_enum_v<T>)
         return type_name<std::underlying_type_t<T>>();
     else if constexpr (std::is_integral_v<T>)
@@ -110,6 +116,8 @@ std::string type_name() {
         return "TileInFlight";
     else if constexpr (std::is_same_v<T, WorkerState>)
         return "WorkerState";
+    else if constexpr (std::is_same_v<T, Wishes>)
+        return "Wishes";
     else
         return std::string(T::name);
 }
@@ -173,6 +181,7 @@ TEST_CASE("the page describes every message and record with its fields in order"
     compare(std::type_identity<Rays>{}, "Rays");
     compare(std::type_identity<TileInFlight>{}, "TileInFlight");
     compare(std::type_identity<WorkerState>{}, "WorkerState");
+    compare(std::type_identity<Wishes>{}, "Wishes");
     for_each_message_type([&]<class M>(std::type_identity<M> m) {
         compare(m, std::to_string(M::type) + " " + std::string(M::name));
     });
@@ -203,7 +212,8 @@ TEST_CASE("the page has the limits of the code and no other") {
         {"picture_side_max", picture_side_max},
         {"picture_pixels_max", picture_pixels_max},
         {"tile_side_max", tile_side_max},
-        {"tiles_per_job_max", tiles_per_job_max},
+        {"cells_per_job_max", cells_per_job_max},
+        {"probe_squares_max", probe_squares_max},
         {"depth_max", depth_max},
         {"aa_max", aa_max},
         {"samples_min", samples_min},

@@ -1,0 +1,172 @@
+// Dispatcher: what people want of jobs and workers, and what becomes of workers that fail.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/text.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+// -------------------------------------------------------------------------------------------- jobs
+
+std::optional<std::string> Dispatcher::pause(Job& job) {
+    if (job.phase == JobPhase::paused)
+        return std::nullopt;
+    if (job.phase != JobPhase::queued && job.phase != JobPhase::running)
+        return "only a job that is queued or running can be paused";
+    job.phase = JobPhase::paused;
+    look_ready(job);
+    return std::nullopt;
+}
+
+std::optional<std::string> Dispatcher::resume(Job& job) {
+    if (job.phase == JobPhase::queued || job.phase == JobPhase::running)
+        return std::nullopt;
+    if (job.phase != JobPhase::paused)
+        return "only a job that is paused can be resumed";
+    job.phase = job.in_flight_count() > 0 ? JobPhase::running : JobPhase::queued;
+    look_ready(job);
+    return std::nullopt;
+}
+
+std::optional<std::string> Dispatcher::retry(Job& job) {
+    if (job.phase != JobPhase::failed && job.phase != JobPhase::cancelled)
+        return "only a job that failed or was cancelled can be tried again";
+    if (!job.acknowledged_at || !blobs_.complete(job.submission().scene))
+        return "its scene is not here: submit it again";
+    job.acknowledged_at = now_ - (*job.over_at - *job.acknowledged_at);
+    job.over_at.reset();
+    job.reason.clear();
+    job.phase = JobPhase::queued;
+    job.revive();
+    job.submitted_at = now_;
+    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+        deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
+    look_ready(job);
+    return std::nullopt;
+}
+
+void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
+    Job* job = job_of(control.job);
+    if (!job)
+        return refuse(peer, RefusalCode::no_such_job, "there is no such job", control.job);
+    std::optional<std::string> objection;
+    switch (control.deed) {
+    case JobDeed::cancel:
+        if (!is_over(job->phase))
+            end_job(*job, JobPhase::cancelled, "cancelled by a client");
+        return send(peer, job->state(identity_.epoch, now_));
+    case JobDeed::pause:
+        objection = pause(*job);
+        break;
+    case JobDeed::resume:
+        objection = resume(*job);
+        break;
+    case JobDeed::retry:
+        objection = retry(*job);
+        break;
+    case JobDeed::set_priority:
+        job->priority = control.priority;
+        break;
+    }
+    if (objection)
+        return refuse(peer, RefusalCode::invalid, *objection, control.job);
+    publish_state(*job);
+    send(peer, job->state(identity_.epoch, now_));
+}
+
+// ----------------------------------------------------------------------------------------- workers
+
+/// Does something that changes how many tiles a worker may have.
+void Dispatcher::change_room(const PeerId& peer, WorkerSession& worker, const auto& deed) {
+    workers_with_credit_ -= worker.room() > 0;
+    deed();
+    workers_with_credit_ += worker.room() > 0;
+    count_capacity(worker);
+    update_load(peer, worker);
+}
+
+void Dispatcher::count_capacity(WorkerSession& worker) {
+    const double now = worker.room() > 0 ? speed_of(worker) * worker.hello.threads : 0;
+    capacity_ += now - worker.capacity;
+    worker.capacity = now;
+}
+
+void Dispatcher::set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit) {
+    change_room(peer, worker, [&] { worker.credit = credit; });
+}
+
+void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control) {
+    std::vector<Workers::iterator> found;
+    for (auto worker = workers_.begin(); worker != workers_.end(); ++worker)
+        if (worker->second.hello.worker_name == control.what)
+            found.push_back(worker);
+    if (found.empty() && !control.what.empty())
+        for (auto worker = workers_.begin(); worker != workers_.end(); ++worker)
+            if (to_string(worker->second.hello.worker).starts_with(control.what))
+                found.push_back(worker);
+    if (found.empty())
+        return refuse(peer, RefusalCode::no_such_worker,
+                      "there is no worker '" + control.what + "'");
+    if (found.size() > 1)
+        return refuse(peer, RefusalCode::invalid,
+                      "'" + control.what + "' fits " + std::to_string(found.size()) +
+                          " workers: give more of the id");
+    const PeerId worker_peer = found.front()->first;
+    WorkerSession& worker = found.front()->second;
+    switch (control.deed) {
+    case WorkerDeed::drain:
+        change_room(worker_peer, worker, [&] { worker.drained = true; });
+        log(LogLevel::info, "worker " + worker.hello.worker_name + " is drained");
+        break;
+    case WorkerDeed::undrain:
+        change_room(worker_peer, worker, [&] {
+            worker.drained = false;
+            worker.quarantined_until.reset();
+            worker.failures.clear();
+        });
+        log(LogLevel::info, "worker " + worker.hello.worker_name + " gets tiles again");
+        break;
+    case WorkerDeed::kick:
+        break;
+    }
+    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}});
+    if (control.deed == WorkerDeed::kick) {
+        send(worker_peer, Dismissed{"dismissed by a client"});
+        end_worker(workers_.find(worker_peer), Departure::said_goodbye, "it was dismissed");
+    }
+}
+
+/// Too many within a while, and it gets nothing for as long; but for the last one that there is.
+void Dispatcher::count_machine_failure(const PeerId& peer, WorkerSession& worker) {
+    worker.failures.push_back(now_);
+    while (now_ - worker.failures.front() > limits_.quarantine_window)
+        worker.failures.pop_front();
+    if (worker.failures.size() < limits_.quarantine_failures || worker.quarantined_until ||
+        workers_with_credit_ - (worker.room() > 0) == 0)
+        return;
+    change_room(peer, worker, [&] { worker.quarantined_until = now_ + limits_.quarantine_window; });
+    ++counters_.workers_quarantined;
+    log(LogLevel::warning, "worker " + worker.hello.worker_name + " has failed " +
+                               std::to_string(worker.failures.size()) +
+                               " tiles: it gets none for " +
+                               format_duration(limits_.quarantine_window));
+}
+
+void Dispatcher::end_quarantines() {
+    // The others have gone: better a bad worker than none.
+    const bool nobody_else = workers_with_credit_ == 0;
+    for (auto& [peer, worker] : workers_)
+        if (worker.quarantined_until && (nobody_else || now_ >= *worker.quarantined_until)) {
+            change_room(peer, worker, [&worker = worker] {
+                worker.quarantined_until.reset();
+                worker.failures.clear();
+            });
+            log(LogLevel::info, "worker " + worker.hello.worker_name + " gets tiles again" +
+                                    (nobody_else ? ": there is no other" : ""));
+        }
+}
+
+} // namespace fraja::broker

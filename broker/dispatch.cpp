@@ -1,0 +1,257 @@
+// Dispatcher: who gets which tile.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/assert.hpp"
+#include "common/protocol/limits.hpp"
+#include "common/protocol/probe.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+// A tile is that part of what is left for a thread: so tiles are large first and small in the end.
+// Where nothing is known of what the picture's parts cost, or only what a probe tells, one that is
+// much more than was thought must not be too much.
+constexpr double parts_of_share = 3, parts_of_share_probed = 4, parts_of_share_blank = 12;
+constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
+
+// Camera rays of a probe: no more than that part of the picture's.
+constexpr double probe_share = 1.0 / 512;
+constexpr std::uint64_t probe_squares_min = 4; // fewer tell nothing
+
+/// `wanted` K or K=V, `tag` likewise.
+bool fits(const std::string& wanted, const std::string& tag) {
+    return tag == wanted ||
+           (tag.size() > wanted.size() && tag.starts_with(wanted) && tag[wanted.size()] == '=');
+}
+
+double samples_of(const PictureSettings& s) {
+    if (s.error > 0)
+        return samples_min;
+    if (s.spp > 0)
+        return s.spp;
+    return std::max(1.0, static_cast<double>(s.aa) * s.aa);
+}
+
+} // namespace
+
+void Dispatcher::update_load(const PeerId& peer, WorkerSession& worker) {
+    std::optional<std::uint64_t> load;
+    if (worker.grants.size() < worker.room())
+        load = (std::uint64_t{worker.grants.size()} << 16) / worker.hello.threads;
+    if (load == worker.load)
+        return;
+    if (worker.load)
+        free_workers_.erase({*worker.load, peer});
+    if (load)
+        free_workers_.insert({*load, peer});
+    worker.load = load;
+    if (load)
+        changed_workers_.push_back(peer);
+}
+
+double Dispatcher::speed_of(const WorkerSession& worker) const {
+    return worker.speed.rays_per_s(speed_.is_known() ? speed_.rays_per_s() : 1);
+}
+
+/// Whether the job has something to give.
+void Dispatcher::look_ready(Job& job) {
+    blocked_.erase(job.id());
+    const bool may_run = job.phase == JobPhase::queued || job.phase == JobPhase::running;
+    if (may_run && (job.has_pending() || job.probe == Job::Probe::wanted))
+        ready_.insert(job.id());
+    else
+        ready_.erase(job.id());
+}
+
+/// Higher priority first; of equals whoever has the fewest tiles in flight, so that jobs share the
+/// farm.
+Job* Dispatcher::job_for_next_tile() {
+    Job* best = nullptr;
+    const auto before = [](const Job& a, const Job& b) {
+        if (a.priority != b.priority)
+            return a.priority > b.priority;
+        if (a.in_flight_count() != b.in_flight_count())
+            return a.in_flight_count() < b.in_flight_count();
+        return a.number() < b.number();
+    };
+    for (const JobId& id : ready_) {
+        Job& job = jobs_.at(id);
+        if (!best || before(job, *best))
+            best = &job;
+    }
+    return best;
+}
+
+void Dispatcher::dispatch() {
+    offer_to_changed_workers();
+    give_out();
+    help_out();
+    changed_workers_.clear();
+}
+
+/// What suited nobody may suit those who have changed.
+void Dispatcher::offer_to_changed_workers() {
+    for (const PeerId& peer : changed_workers_) {
+        if (blocked_.empty())
+            return;
+        const auto worker = workers_.find(peer);
+        if (worker == workers_.end() || !worker->second.load)
+            continue;
+        const auto blocked = blocked_; // a copy: the set changes
+        for (const JobId& id : blocked)
+            if (suits(worker->second, peer, jobs_.at(id)))
+                look_ready(jobs_.at(id));
+    }
+}
+
+void Dispatcher::give_out() {
+    while (!free_workers_.empty()) {
+        Job* job = job_for_next_tile();
+        if (!job)
+            return;
+        // any_of stops at the grant, which changes free_workers_.
+        const bool granted = !is_waiting_to_be_dealt_out(*job) &&
+                             std::ranges::any_of(free_workers_, [&](const auto& free) {
+                                 const PeerId peer = free.second;
+                                 return grant(peer, workers_.at(peer), *job);
+                             });
+        if (!granted) {
+            ready_.erase(job->id());
+            blocked_.insert(job->id());
+        }
+    }
+}
+
+bool Dispatcher::suits(const WorkerSession& worker, const PeerId& peer, const Job& job) const {
+    const Wishes& wishes = job.submission().wishes;
+    if (wishes.workers_max > 0 && job.workers().size() >= wishes.workers_max &&
+        !job.workers().contains(peer))
+        return false;
+    return std::ranges::all_of(wishes.tags, [&](const std::string& wanted) {
+        return std::ranges::any_of(worker.hello.tags,
+                                   [&](const std::string& tag) { return fits(wanted, tag); });
+    });
+}
+
+/// Deals it out, if it can be. By work: when a probe has told of that.
+bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
+    const Schedule schedule = job.submission().wishes.schedule;
+    if (schedule == Schedule::demand || job.is_dealt_out() || job.in_flight_count() > 0)
+        return false;
+    if (schedule == Schedule::weighted && job.probe == Job::Probe::in_flight)
+        return true;
+    if (schedule == Schedule::weighted && job.probe == Job::Probe::wanted)
+        return false; // to be granted first
+    std::vector<Job::Share> shares;
+    const std::size_t workers_max = job.submission().wishes.workers_max;
+    for (const auto& [peer, worker] : workers_)
+        if (worker.room() > 0 && suits(worker, peer, job) &&
+            (workers_max == 0 || shares.size() < workers_max))
+            shares.push_back({worker.hello.worker, schedule == Schedule::weighted
+                                                       ? speed_of(worker) * worker.hello.threads
+                                                       : 1});
+    if (shares.empty())
+        return true;
+    job.deal_out(shares, schedule == Schedule::weighted, schedule == Schedule::stealing);
+    return false;
+}
+
+bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
+    if (!suits(worker, peer, job))
+        return false;
+    return grant_probe(peer, worker, job) || grant_tile(peer, worker, job);
+}
+
+/// Squares so large that the probe is no burden.
+bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job) {
+    if (job.probe != Job::Probe::wanted)
+        return false;
+    const SubmitJob& s = job.submission();
+    const auto pixels = static_cast<double>(s.settings.crop.pixel_count());
+    const auto squares_max =
+        std::min(limits_.probe_squares_max,
+                 static_cast<std::uint64_t>(pixels * samples_of(s.settings) * probe_share));
+    std::uint32_t side = job.grid().side();
+    while (probe_squares(s.settings.crop, side) > squares_max && side < picture_side_max)
+        side *= 2;
+    if (squares_max < probe_squares_min || side > s.settings.crop.width + s.settings.crop.height) {
+        job.probe = Job::Probe::over;
+        return false;
+    }
+    job.probe = Job::Probe::in_flight;
+    const auto squares = static_cast<double>(probe_squares(s.settings.crop, side));
+    send_grant(peer, worker, job, Grant{.id = OpenTileId::none, .tile = {}, .work = squares},
+               job.next_attempt(), side);
+    return true;
+}
+
+/// So that all threads are through at about the same time, and no time is lost with too many tiles.
+double Dispatcher::work_wanted(const WorkerSession& worker, const Job& job) const {
+    const double speed = speed_of(worker);
+    const double left = std::max(0.0, job.costs().left() - job.work_in_flight());
+    const double share = left * speed / std::max(capacity_, speed);
+    const double parts = job.costs().is_blank()                    ? parts_of_share_blank
+                         : job.costs().share_done() < learnt_share ? parts_of_share_probed
+                                                                   : parts_of_share;
+    if (!speed_.is_known())
+        return share / parts;
+    return std::clamp(share / parts, tile_time_min_s() * speed,
+                      seconds(limits_.tile_time_max) * speed);
+}
+
+double Dispatcher::tile_time_min_s() const {
+    const double threads = capacity_ / std::max(speed_.rays_per_s(), 1e-9);
+    return std::max(seconds(limits_.tile_time_min), threads / limits_.tiles_per_s_max);
+}
+
+bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job) {
+    const auto handed = job.assign_next({.worker = worker.hello.worker,
+                                         .peer = peer,
+                                         .work_wanted = work_wanted(worker, job),
+                                         .workers_with_credit = workers_with_credit_});
+    if (!handed)
+        return false;
+    send_grant(peer, worker, job,
+               Grant{.id = handed->id, .tile = handed->tile, .work = handed->work}, handed->attempt,
+               0);
+    if (job.phase == JobPhase::queued) {
+        job.phase = JobPhase::running;
+        publish_state(job);
+    }
+    return true;
+}
+
+void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
+                            AttemptNumber attempt, std::uint32_t probe_side) {
+    FRAJA_ASSERT(worker.grants.size() < worker.room());
+    const TileIndex tile = probe_side > 0 ? TileIndex{} : job.index(grant.tile);
+    const auto started = static_cast<std::size_t>(std::ranges::count_if(
+        worker.grants, [](const auto& other) { return other.second.started_at.has_value(); }));
+    grant.granted_at = grant.progress_at = now_;
+    if (started < worker.hello.threads)
+        grant.started_at = now_;
+    grant.number = worker.tiles_sent++;
+    const SubmitJob& s = job.submission();
+    send(peer, RenderTile{.job = job.id(),
+                          .tile = tile,
+                          .attempt = attempt,
+                          .frame = 0,
+                          .pass = grant.tile.pass,
+                          .rect = probe_side > 0 ? s.settings.crop : job.rect(grant.tile),
+                          .scene = s.scene,
+                          .scene_bytes = s.scene_bytes,
+                          .settings = s.settings,
+                          .probe_side = probe_side});
+    worker.grants.emplace(GrantKey{job.id(), tile, attempt}, std::move(grant));
+    update_load(peer, worker);
+    look_ready(job);
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,129 @@
+// Dispatcher: who helps out when nothing is left to be given: what will be done last is given out
+// once more, in parts if that is possible, and whoever is first is right.
+#include "broker/dispatcher.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <queue>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+// It must be worth it: what is saved, of the time that the tile would take otherwise.
+constexpr double gain_min = 0.25;
+constexpr double round_trip_s = 0.001;
+
+// A tile that has taken longer than was thought: so much longer again, of the time that it has had.
+constexpr double overdue_share = 0.5;
+
+} // namespace
+
+bool Dispatcher::somebody_is_idle() const {
+    if (free_workers_.empty())
+        return false;
+    const WorkerSession& least = workers_.at(free_workers_.begin()->second);
+    return least.grants.size() < least.hello.threads;
+}
+
+bool Dispatcher::somebody_has_tiles() const {
+    return std::ranges::any_of(jobs_, [](const auto& entry) {
+        return entry.second.phase == JobPhase::running && entry.second.in_flight_count() > 0;
+    });
+}
+
+/// What the worker has, and when it will be done.
+void Dispatcher::append_ends(const PeerId& peer, const WorkerSession& worker,
+                             std::vector<Late>& late) const {
+    std::vector<std::pair<const GrantKey*, const Grant*>> grants;
+    for (const auto& [key, grant] : worker.grants)
+        if (!grant.cancelled)
+            grants.emplace_back(&key, &grant);
+    std::ranges::sort(grants, {}, [](const auto& g) { return g.second->number; });
+    const double speed = speed_of(worker);
+    std::priority_queue<double, std::vector<double>, std::greater<>> thread_free;
+    for (const auto& [key, grant] : grants) {
+        const double work_s = grant->work / speed;
+        double end_s = 0;
+        if (grant->started_at) {
+            const double had_s = seconds(now_ - *grant->started_at);
+            end_s = std::max(work_s - had_s, overdue_share * had_s);
+        } else {
+            if (!thread_free.empty()) {
+                end_s = thread_free.top();
+                thread_free.pop();
+            }
+            end_s += work_s;
+        }
+        thread_free.push(end_s);
+        const auto job = jobs_.find(key->job);
+        if (grant->id != OpenTileId::none && job != jobs_.end() && !job->second.is_dealt_out() &&
+            job->second.phase == JobPhase::running && job->second.can_overbook(grant->id) &&
+            job->second.assigned_as(grant->id, key->attempt))
+            late.push_back({std::chrono::duration_cast<Duration>(
+                                std::chrono::duration<double>(std::min(end_s, 1e6))),
+                            key->job, grant->id, grant->work, peer});
+    }
+}
+
+/// The last one first.
+std::vector<Dispatcher::Late> Dispatcher::tiles_by_end() const {
+    std::vector<Late> late;
+    for (const auto& [peer, worker] : workers_)
+        append_ends(peer, worker, late);
+    std::ranges::stable_sort(late, std::greater<>{}, &Late::remaining);
+    return late;
+}
+
+void Dispatcher::help_out() {
+    if (now_ < next_overbook_ && changed_workers_.empty())
+        return;
+    if (!speed_.is_known() || !somebody_is_idle())
+        return;
+    next_overbook_ = now_ + limits_.overbook_interval;
+    std::size_t idle_threads = 0;
+    for (const auto& [load, peer] : free_workers_) {
+        const WorkerSession& worker = workers_.at(peer);
+        if (worker.grants.size() >= worker.hello.threads)
+            break; // as all that follow
+        idle_threads += worker.hello.threads - worker.grants.size();
+    }
+    for (const Late& tile : tiles_by_end()) {
+        if (!somebody_is_idle() || idle_threads == 0)
+            return;
+        // The idle ones who may do it; the fastest counts.
+        Job& job = jobs_.at(tile.job);
+        double speed = 0;
+        std::size_t threads = 0;
+        for (const auto& [load, peer] : free_workers_) {
+            const WorkerSession& worker = workers_.at(peer);
+            if (worker.grants.size() >= worker.hello.threads)
+                break;
+            if (!suits(worker, peer, job) || (peer == tile.peer && !job.can_cut(job.tile(tile.id))))
+                continue;
+            speed = std::max(speed, speed_of(worker));
+            threads += worker.hello.threads - worker.grants.size();
+        }
+        if (threads == 0)
+            continue;
+        const double parts_max = std::clamp(tile.work / (tile_time_min_s() * speed), 1.0,
+                                            static_cast<double>(limits_.overbooked_parts_max));
+        const auto parts = job.can_cut(job.tile(tile.id))
+                               ? std::min(static_cast<std::uint32_t>(threads),
+                                          static_cast<std::uint32_t>(parts_max))
+                               : 1u;
+        const double helped_s = tile.work / parts / speed + round_trip_s;
+        if (helped_s > (1 - gain_min) * seconds(tile.remaining))
+            continue;
+        job.overbook(tile.id, parts);
+        ++counters_.tiles_overbooked;
+        look_ready(job);
+        give_out();
+        idle_threads -= std::min<std::size_t>(idle_threads, parts);
+    }
+}
+
+} // namespace fraja::broker
