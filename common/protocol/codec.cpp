@@ -113,27 +113,36 @@ T signed_of(const msgpack::object& o) {
     return static_cast<T>(o.via.i64);
 }
 
-template <class T>
-void unpack(const msgpack::object& o, T& value, std::string_view& field);
+/// What becomes of fields that a record ends before.
+enum class MissingFields { refused, left_as_they_are };
 
-/// `field` is the name of what is being read, for the message of an error.
+/// Where a reader is, and how it reads.
+struct Reading {
+    MissingFields missing = MissingFields::refused;
+    std::string_view field{}; ///< the name of what is being read, for the message of an error
+};
+
 template <class T>
-void unpack_record(const msgpack::object& o, T& value, std::string_view& field) {
+void unpack(const msgpack::object& o, T& value, Reading& reading);
+
+template <class T>
+void unpack_record(const msgpack::object& o, T& value, Reading& reading) {
     if (o.type != msgpack::type::ARRAY)
         throw Malformed("not an array");
     std::size_t at = 0;
-    const auto next = [&](std::string_view name) -> const msgpack::object& {
-        field = name;
-        if (at >= o.via.array.size)
+    const auto read = [&](std::string_view name, auto& member) {
+        reading.field = name;
+        if (at < o.via.array.size)
+            unpack(o.via.array.ptr[at++], member, reading);
+        else if (reading.missing == MissingFields::refused)
             throw Malformed("missing");
-        return o.via.array.ptr[at++];
     };
-    std::apply([&](const auto&... f) { (unpack(next(f.name), value.*(f.member), field), ...); },
+    std::apply([&](const auto&... f) { (read(f.name, value.*(f.member)), ...); },
                FieldsOf<T>::fields());
 }
 
 template <class T>
-void unpack(const msgpack::object& o, T& value, [[maybe_unused]] std::string_view& field) {
+void unpack(const msgpack::object& o, T& value, [[maybe_unused]] Reading& reading) {
     if constexpr (std::is_same_v<T, bool>) {
         if (o.type != msgpack::type::BOOLEAN)
             throw Malformed("not a boolean");
@@ -179,10 +188,10 @@ void unpack(const msgpack::object& o, T& value, [[maybe_unused]] std::string_vie
             throw Malformed("not an array");
         value.clear();
         for (std::uint32_t i = 0; i < o.via.array.size; ++i)
-            unpack(o.via.array.ptr[i], value.emplace_back(), field);
+            unpack(o.via.array.ptr[i], value.emplace_back(), reading);
     } else {
         static_assert(Record<T>);
-        unpack_record(o, value, field);
+        unpack_record(o, value, reading);
     }
 }
 
@@ -191,33 +200,40 @@ Error malformed(std::string_view what, std::string_view why) {
 }
 
 template <class M>
-Result<Message> decode_as(std::span<const Blob> frames) {
-    const Bytes& body = *frames[1];
+Result<M> read_body(std::span<const std::byte> body, MissingFields missing) {
     const std::size_t n = body.size();
     // Nothing in a frame can outnumber its bytes. Without limits, the five bytes DD FF FF FF FF
     // make msgpack ask for 128 GiB before it looks any further.
     const msgpack::unpack_limit limit(n, n, n, n, n, nesting_max);
     M message;
-    std::string_view field;
+    Reading reading{missing};
     try {
         std::size_t offset = 0;
         const auto handle = msgpack::unpack(reinterpret_cast<const char*>(body.data()), n, offset,
                                             nullptr, nullptr, limit);
         if (offset != n)
             return malformed(M::name, "bytes after the end of the body");
-        unpack_record(handle.get(), message, field);
+        unpack_record(handle.get(), message, reading);
     } catch (const std::exception& e) { // msgpack speaks in exceptions; here they end
-        return malformed(M::name, std::string(field) + ": " + e.what());
+        return malformed(M::name, std::string(reading.field) + ": " + e.what());
     }
+    return message;
+}
+
+template <class M>
+Result<Message> decode_as(std::span<const Blob> frames) {
+    auto message = read_body<M>(*frames[1], MissingFields::refused);
+    if (!message)
+        return message.error();
     const auto blobs = frames.subspan(2);
     if constexpr (CarriesBlobs<M>) {
         if (blobs.empty() || (std::is_same_v<M, Chunk> && blobs.size() != 1))
             return malformed(M::name, "a wrong number of blob frames");
-        message.blobs.assign(blobs.begin(), blobs.end());
+        message->blobs.assign(blobs.begin(), blobs.end());
     } else if (!blobs.empty()) {
         return malformed(M::name, "blob frames where none belong");
     }
-    return Message(std::move(message));
+    return Message(std::move(*message));
 }
 
 template <std::size_t... I>
@@ -291,5 +307,12 @@ Result<Message> decode(std::span<const Blob> frames) {
     return decode_type(little_endian(header.data() + 6), frames,
                        std::make_index_sequence<std::variant_size_v<Message>>());
 }
+
+template <class M>
+Result<M> decode_kept(std::span<const std::byte> body) {
+    return read_body<M>(body, MissingFields::left_as_they_are);
+}
+template Result<SubmitJob> decode_kept<SubmitJob>(std::span<const std::byte> body);
+template Result<TileDone> decode_kept<TileDone>(std::span<const std::byte> body);
 
 } // namespace fraja::protocol

@@ -27,4 +27,11 @@ struct Packet {
 /// stays within a small multiple of the frames' own size.
 [[nodiscard]] Result<Message> decode(std::span<const Blob> frames);
 
+/// Reads the body of a message (`Packet::body`) that was kept, of whatever version of the protocol
+/// it was: fields that it ends before, here or in a record within, are as in a new M, and those it
+/// has beyond are ignored. So a field that comes to the end of a record must mean by its default
+/// what was so before there was one. A message's blobs are none. M: SubmitJob or TileDone.
+template <class M>
+[[nodiscard]] Result<M> decode_kept(std::span<const std::byte> body);
+
 } // namespace fraja::protocol
