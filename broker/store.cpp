@@ -117,24 +117,37 @@ Result<void> Store::make_durable(Durability durability) {
     return set;
 }
 
-Result<void> Store::commit(std::span<const Write> writes, Durability durability) {
+template <class Work>
+Result<void> Store::transact(Durability durability, Work work) {
     if (const auto set = make_durable(durability); !set)
         return set;
-    const auto done = commit_all(writes);
-    // Some errors have rolled it back already.
-    if (!done && database_.in_transaction())
+    auto done = begin_.run();
+    if (done)
+        done = work();
+    if (done)
+        done = commit_.run();
+    if (!done && database_.in_transaction()) // some errors have rolled it back already
         if (const auto back = database_.execute("ROLLBACK"); !back)
             return back;
     return done;
 }
 
-Result<void> Store::commit_all(std::span<const Write> writes) {
-    if (const auto begun = begin_.run(); !begun)
-        return begun;
-    for (const Write& write : writes)
-        if (const auto done = std::visit([&](const auto& w) { return put(w); }, write); !done)
-            return done;
-    return commit_.run();
+Result<void> Store::commit(std::span<const Write> writes, Durability durability) {
+    return transact(durability, [&]() -> Result<void> {
+        for (const Write& write : writes)
+            if (const auto done = std::visit([&](const auto& w) { return put(w); }, write); !done)
+                return done;
+        return {};
+    });
+}
+
+Result<void> Store::make_room(std::span<const JobId> jobs) {
+    return transact(Durability::synced, [&]() -> Result<void> {
+        for (const JobId& job : jobs)
+            if (const auto done = bury(job); !done)
+                return done;
+        return {};
+    });
 }
 
 // ----------------------------------------------------------------------------------------- writes
@@ -212,13 +225,17 @@ Result<void> Store::put(const PutPriority& put) {
 }
 
 Result<void> Store::put(const ForgetJob& forget) {
-    const auto job = key_of(forget.job);
-    for (Statement* drop : {&drop_pixels_, &drop_tiles_, &drop_job_})
-        if (const auto done = drop->run(job); !done)
-            return done;
-    if (const auto done = drop_unused_blobs(); !done)
+    if (const auto done = bury(forget.job); !done)
         return done;
-    if (const auto done = put_tombstone_.run(job, now()); !done)
+    return drop_unused_blobs();
+}
+
+Result<void> Store::bury(const JobId& job) {
+    const auto key = key_of(job);
+    for (Statement* drop : {&drop_pixels_, &drop_tiles_, &drop_job_})
+        if (const auto done = drop->run(key); !done)
+            return done;
+    if (const auto done = put_tombstone_.run(key, now()); !done)
         return done;
     return drop_old_tombstones_.run(options_.tombstones_max);
 }

@@ -90,6 +90,10 @@ public:
     /// All of it or, where there is an error, nothing. It then may be tried again.
     [[nodiscard]] Result<void> commit(std::span<const Write> writes, Durability durability);
 
+    /// Jobs of which a ForgetJob waits for its turn go now, tombstones and all, so that there is
+    /// room for what comes before it; but for scenes, which a job to come may need. Synced.
+    [[nodiscard]] Result<void> make_room(std::span<const JobId> jobs);
+
     /// From now on the file does not grow beyond that; 0: it may. What it has already stays.
     [[nodiscard]] Result<void> limit_file(std::uint64_t bytes_max);
 
@@ -100,13 +104,16 @@ private:
     Store(StateLock lock, Database database, StoreOptions options);
 
     [[nodiscard]] Result<void> make_durable(Durability durability);
-    [[nodiscard]] Result<void> commit_all(std::span<const Write> writes);
+    /// Begins a transaction, in which `work` returns a Result<void>, and ends it either way.
+    template <class Work>
+    [[nodiscard]] Result<void> transact(Durability durability, Work work);
     [[nodiscard]] Result<void> put(const PutBlob& blob);
     [[nodiscard]] Result<void> put(const PutJob& job);
     [[nodiscard]] Result<void> put(const PutTile& tile);
     [[nodiscard]] Result<void> put(const PutPhase& phase);
     [[nodiscard]] Result<void> put(const PutPriority& priority);
     [[nodiscard]] Result<void> put(const ForgetJob& forget);
+    [[nodiscard]] Result<void> bury(const JobId& job);
     [[nodiscard]] Result<void> put_pieces(std::int64_t blob, const std::vector<Blob>& pieces);
     [[nodiscard]] Result<void> drop_unused_blobs();
     [[nodiscard]] std::int64_t now() const; ///< ns since 1970

@@ -65,6 +65,7 @@ void StoreWriter::run() {
     while (const auto batch = next_batch()) {
         for (auto done = try_commit(*batch); !done; done = try_commit(*batch)) {
             tell_trouble(done.error().message);
+            make_room(*batch);
             if (!wait_to_retry())
                 return;
         }
@@ -100,6 +101,27 @@ Result<void> StoreWriter::try_commit(const Batch& batch) {
         if (const auto set = store_.limit_file(*file_bytes_max); !set)
             return set;
     return store_.commit(batch.writes, batch.durability);
+}
+
+void StoreWriter::make_room(const Batch& batch) {
+    std::vector<JobId> jobs;
+    const auto add = [&](const Write& write) {
+        if (const auto* forget = std::get_if<ForgetJob>(&write))
+            jobs.push_back(forget->job);
+    };
+    if (batch.sequence > room_made_up_to_)
+        std::for_each(batch.writes.begin(), batch.writes.end(), add);
+    std::uint64_t up_to = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        for (const Queued& queued : queue_)
+            if (queued.sequence > room_made_up_to_)
+                add(queued.write);
+        up_to = last_sequence_;
+    }
+    // Where that, too, goes wrong, the reason is the one that was told.
+    if (jobs.empty() || store_.make_room(jobs))
+        room_made_up_to_ = up_to;
 }
 
 void StoreWriter::tell_committed(const Batch& batch) {

@@ -44,7 +44,8 @@ struct WriterOptions {
 };
 
 /// What is handed in while one transaction runs becomes the next. Nothing is dropped: in trouble
-/// the queue grows, and its owner may look at how large it is.
+/// the queue grows, and its owner may look at how large it is. Only then jobs that are to be
+/// forgotten go before their turn, since what cannot be written may need their space.
 class StoreWriter {
 public:
     /// `waker` is woken when there is news, and must outlive this.
@@ -74,7 +75,7 @@ private:
     struct Batch {
         std::vector<Write> writes;
         std::uint64_t bytes = 0;
-        std::uint64_t sequence = 0; ///< everything up to there is in when this is
+        std::uint64_t sequence = 0; ///< of the last: everything up to there is in when this is
         Durability durability = Durability::written;
     };
 
@@ -82,6 +83,8 @@ private:
     /// Waits for something to do. Nothing: it is to stop, and nothing is left or no time.
     [[nodiscard]] std::optional<Batch> next_batch();
     [[nodiscard]] Result<void> try_commit(const Batch& batch);
+    /// By what is forgotten in the batch and behind it, each once.
+    void make_room(const Batch& batch);
     void tell_committed(const Batch& batch);
     void tell_trouble(const std::string& reason);
     /// False: it is to stop, and there is no time left.
@@ -89,7 +92,8 @@ private:
     [[nodiscard]] bool out_of_time() const { return stop_by_ && Clock::now() >= *stop_by_; }
     void tell(StoreNews news);
 
-    Store store_; ///< the thread's alone
+    Store store_;                       ///< the thread's alone, as is the next
+    std::uint64_t room_made_up_to_ = 0; ///< by the ForgetJobs up to that sequence
     const net::Waker& waker_;
     const WriterOptions options_;
 

@@ -241,6 +241,16 @@ std::uint32_t commit_until_killed(const fs::path& directory, const PutJob& job, 
 
 } // namespace
 
+TEST_CASE("a broker that is killed while it makes its store can be started again") {
+    for_each_seed(20, [](Rng& rng) {
+        const TempDirectory directory;
+        const PutJob job = job_of(rng, 1);
+        const auto life = std::chrono::microseconds(rng.below(30'000));
+        commit_until_killed(directory.path(), job, 0, life);
+        open_store(directory.path());
+    });
+}
+
 TEST_CASE("whatever was committed is there after a kill at any moment") {
     const TempDirectory directory;
     Rng jobs(1);

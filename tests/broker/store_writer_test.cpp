@@ -1,16 +1,17 @@
 #include "broker/store_writer.hpp"
 
 #include "broker/store_reader.hpp"
-#include "common/net/sockets.hpp"
+#include "common/net/waker.hpp"
 #include "tests/broker/store_support.hpp"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <csignal>
 #include <doctest/doctest.h>
-#include <numeric>
 #include <poll.h>
 #include <sys/resource.h>
+#include <thread>
 
 using namespace fraja;
 using namespace fraja::broker;
@@ -142,6 +143,35 @@ TEST_CASE("a full disk loses nothing and is told once") {
     CHECK(after.front() == StoreNews(StoreRecovered{}));
     CHECK(trouble_count(after) == 0);
     CHECK(writer.queued_bytes() == 0);
+    CHECK(writer.stop());
+}
+
+TEST_CASE("on a full disk a job that is to be forgotten makes room for what waits before it") {
+    const TempDirectory directory;
+    Rng rng(1);
+    const net::Waker waker;
+    const PutBlob scene = scene_of(noise(rng, 1'000));
+    const PutJob old = job_of(rng, 1, scene.hash), young = job_of(rng, 2, scene.hash);
+    Store store = open_store(directory.path(), {.file_bytes_max = 1 << 20});
+    auto reader = StoreReader::open(store);
+    StoreWriter writer(std::move(store), waker, impatient);
+    writer.enqueue(scene, 1);
+    writer.enqueue(old, 2);
+    writer.enqueue(tile_of(rng, old.submission.job, 0, 600'000), 3);
+    news_until_committed(writer, waker, 3);
+    writer.enqueue(young, 4);
+    writer.enqueue(tile_of(rng, young.submission.job, 0, 600'000), 5);
+    news_until(writer, waker, is_trouble);
+    writer.enqueue(tile_of(rng, old.submission.job, 1, 1'000), 6);
+    writer.enqueue(ForgetJob{old.submission.job}, 7);
+    news_until_committed(writer, waker, 7);
+    const auto contents = reader->read();
+    REQUIRE(contents.has_value());
+    REQUIRE(contents->jobs.size() == 1);
+    CHECK(contents->jobs[0].number == 2);
+    CHECK(contents->jobs[0].tiles.size() == 1);
+    CHECK(contents->blobs.size() == 1);
+    CHECK(contents->tombstones.size() == 1);
     CHECK(writer.stop());
 }
 
