@@ -202,7 +202,7 @@ TEST_CASE("another job's state is no acknowledgement") {
     state.scene = request.job.scene;
     state.settings = request.job.settings;
     state.phase = protocol::JobPhase::queued;
-    state.cell_side = 128; // of 256 x 192 pixels
+    state.cell_side = 20; // of 40 x 30 pixels
     state.cell_count = 4;
     std::vector<protocol::JobState> wrong(4, state);
     wrong[0].job = JobId{{6}};
