@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 namespace fraja::broker {
 
@@ -21,7 +22,7 @@ Result<void> BlobStore::acquire(const ContentHash& hash, std::uint64_t total_byt
         return Error{ErrorCode::limit_exceeded,
                      "the broker holds scenes of at most " + std::to_string(bytes_max_) + " bytes"};
     bytes_ += total_bytes;
-    entries_[hash] = Entry{.total_bytes = total_bytes, .users = 1, .data = {}, .complete = false};
+    entries_[hash] = Entry{.total_bytes = total_bytes, .users = 1, .data = {}, .whole = {}};
     return {};
 }
 
@@ -34,9 +35,16 @@ void BlobStore::release(const ContentHash& hash) {
     }
 }
 
-bool BlobStore::complete(const ContentHash& hash) const {
+void BlobStore::restore(const ContentHash& hash, Bytes bytes) {
+    Entry& entry = entries_.at(hash);
+    FRAJA_ASSERT(bytes.size() == entry.total_bytes);
+    entry.data.clear();
+    entry.whole = make_blob(std::move(bytes));
+}
+
+Blob BlobStore::whole(const ContentHash& hash) const {
     const auto found = entries_.find(hash);
-    return found != entries_.end() && found->second.complete;
+    return found == entries_.end() ? nullptr : found->second.whole;
 }
 
 std::uint64_t BlobStore::wanted_offset(const ContentHash& hash) const {
@@ -46,7 +54,7 @@ std::uint64_t BlobStore::wanted_offset(const ContentHash& hash) const {
 
 BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
     const auto found = entries_.find(chunk.blob);
-    if (found == entries_.end() || found->second.complete)
+    if (found == entries_.end() || found->second.whole)
         return Arrival::ignored;
     Entry& entry = found->second;
     const Bytes& bytes = *chunk.blobs.front();
@@ -61,16 +69,16 @@ BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
         entry.data.clear();
         return Arrival::wrong_hash;
     }
-    entry.complete = true;
+    entry.whole = make_blob(std::exchange(entry.data, {}));
     return Arrival::complete;
 }
 
 std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
                                                 std::uint64_t offset_bytes) const {
-    const auto found = entries_.find(hash);
-    if (found == entries_.end() || !found->second.complete)
+    const Blob blob = whole(hash);
+    if (!blob)
         return std::nullopt;
-    const Bytes& data = found->second.data;
+    const Bytes& data = *blob;
     if (offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data.size())
         return std::nullopt;
     const auto begin = data.begin() + static_cast<std::ptrdiff_t>(offset_bytes);

@@ -21,7 +21,12 @@ public:
     [[nodiscard]] Result<void> acquire(const ContentHash& hash, std::uint64_t total_bytes);
     void release(const ContentHash& hash);
 
-    [[nodiscard]] bool complete(const ContentHash& hash) const;
+    /// Gives a blob that was kept elsewhere, and has been acquired, its bytes, which must be right.
+    void restore(const ContentHash& hash, Bytes bytes);
+
+    [[nodiscard]] bool complete(const ContentHash& hash) const { return whole(hash) != nullptr; }
+    /// Null until it is complete.
+    [[nodiscard]] Blob whole(const ContentHash& hash) const;
     /// The first byte that is still to come.
     [[nodiscard]] std::uint64_t wanted_offset(const ContentHash& hash) const;
 
@@ -40,8 +45,8 @@ private:
     struct Entry {
         std::uint64_t total_bytes = 0;
         std::uint32_t users = 0;
-        Bytes data;
-        bool complete = false;
+        Bytes data; ///< as far as it has arrived
+        Blob whole; ///< then this instead
     };
     std::map<ContentHash, Entry> entries_;
     std::uint64_t bytes_max_;

@@ -17,6 +17,7 @@ std::optional<std::string> Dispatcher::pause(Job& job) {
     if (job.phase != JobPhase::queued && job.phase != JobPhase::running)
         return "only a job that is queued or running can be paused";
     job.phase = JobPhase::paused;
+    keep_phase(job);
     look_ready(job);
     return std::nullopt;
 }
@@ -27,6 +28,7 @@ std::optional<std::string> Dispatcher::resume(Job& job) {
     if (job.phase != JobPhase::paused)
         return "only a job that is paused can be resumed";
     job.phase = job.in_flight_count() > 0 ? JobPhase::running : JobPhase::queued;
+    keep_phase(job);
     look_ready(job);
     return std::nullopt;
 }
@@ -34,7 +36,7 @@ std::optional<std::string> Dispatcher::resume(Job& job) {
 std::optional<std::string> Dispatcher::retry(Job& job) {
     if (job.phase != JobPhase::failed && job.phase != JobPhase::cancelled)
         return "only a job that failed or was cancelled can be tried again";
-    if (!job.acknowledged_at || !blobs_.complete(job.submission().scene))
+    if (!job.acknowledged_at || !job.holds_scene || !blobs_.complete(job.submission().scene))
         return "its scene is not here: submit it again";
     job.acknowledged_at = now_ - (*job.over_at - *job.acknowledged_at);
     job.over_at.reset();
@@ -42,6 +44,7 @@ std::optional<std::string> Dispatcher::retry(Job& job) {
     job.phase = JobPhase::queued;
     job.revive();
     job.submitted_at = now_;
+    keep_phase(job);
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     look_ready(job);
@@ -57,7 +60,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     case JobDeed::cancel:
         if (!is_over(job->phase))
             end_job(*job, JobPhase::cancelled, "cancelled by a client");
-        return send(peer, job->state(identity_.epoch, now_));
+        return send(peer, state_of(*job));
     case JobDeed::pause:
         objection = pause(*job);
         break;
@@ -65,16 +68,20 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         objection = resume(*job);
         break;
     case JobDeed::retry:
+        if (job->is_kept && !job->holds_scene && is_over(job->phase))
+            return actions_->push_back(LoadScene{job->id(), job->submission().scene, peer});
         objection = retry(*job);
         break;
     case JobDeed::set_priority:
         job->priority = control.priority;
+        if (job->is_kept)
+            persist(PutPriority{job->id(), job->priority}, {.job = job->id()});
         break;
     }
     if (objection)
         return refuse(peer, RefusalCode::invalid, *objection, control.job);
     publish_state(*job);
-    send(peer, job->state(identity_.epoch, now_));
+    send(peer, state_of(*job));
 }
 
 // ----------------------------------------------------------------------------------------- workers

@@ -90,6 +90,8 @@ Job* Dispatcher::job_for_next_tile() {
 }
 
 void Dispatcher::dispatch() {
+    if (store_is_behind())
+        return;
     offer_to_changed_workers();
     give_out();
     help_out();

@@ -19,6 +19,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         take_back_stuck_tiles();
         end_quarantines();
         give_up_scenes_that_do_not_come();
+        forget_what_is_old();
     }
     end_jobs_whose_time_is_up();
     dispatch();

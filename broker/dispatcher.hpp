@@ -43,6 +43,7 @@ public:
         BrokerId broker;
         std::uint64_t epoch = 0;
         std::string stream; ///< endpoint of the stream, told to every peer
+        bool keeps = false; ///< there is a store: what is persisted is Stored
     };
 
     Dispatcher(Identity identity, Limits limits);
@@ -198,6 +199,30 @@ private:
     void take_back_stuck_tiles();
     void end_jobs_whose_time_is_up();
 
+    // keeping.cpp: what is kept
+    void on(const Restored& event);
+    void on(const Stored& event);
+    void on(const StoreFails& event);
+    void on(const StoreWorks& event);
+    void on(const SceneLoaded& event);
+    void restore(const StoredJob& stored, const Restored& event);
+    struct Unstored {
+        std::uint64_t sequence = 0, bytes = 0;
+        JobId job;
+        std::optional<std::size_t> result{}; ///< its pixels are then let go
+        bool acknowledges = false;
+    };
+    void persist(Write write, Unstored what);
+    void keep_job(Job& job);
+    void keep_phase(const Job& job);
+    void keep_newest_result(const Job& job);
+    [[nodiscard]] bool store_is_behind() const {
+        return !store_trouble_.empty() || unstored_bytes_ > limits_.unstored_bytes_max;
+    }
+    void forget_what_is_old();
+    void bury(const JobId& job);
+    [[nodiscard]] protocol::JobState state_of(const Job& job) const;
+
     // stream.cpp: who hears of it
     void on(const TopicSubscribed& event);
     void on(const TopicUnsubscribed& event);
@@ -234,6 +259,13 @@ private:
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
     BlobStore blobs_;
+
+    std::uint64_t persisted_ = 0;   ///< the last sequence
+    std::deque<Unstored> unstored_; ///< in order
+    std::uint64_t unstored_bytes_ = 0;
+    std::string store_trouble_; ///< why nothing can be kept; empty: all is well
+    std::set<JobId> forgotten_;
+    std::deque<JobId> forgotten_in_order_; ///< the oldest first
 
     std::set<JobId> subscribed_jobs_;
     bool farm_subscribed_ = false;

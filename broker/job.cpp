@@ -456,6 +456,28 @@ std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double w
     return unwanted;
 }
 
+bool Job::restore(const StoredTile& stored) {
+    const auto cells = grid_.cells(stored.rect);
+    if (!cells || stored.pass >= passes_ || index({stored.pass, *cells}) != stored.tile)
+        return false;
+    const Tile tile{stored.pass, *cells};
+    const std::uint64_t fresh = mark_done(tile, static_cast<double>(stored.rays.total()));
+    if (fresh == 0)
+        return false;
+    done_count_ += fresh;
+    results_pixels_ += stored.rect.pixel_count();
+    rays_ += stored.rays;
+    render_time_ += std::clamp(stored.elapsed, Duration::zero(), Duration::max() - render_time_);
+    results_.push_back({tile, nullptr});
+    return true;
+}
+
+void Job::end_restoring() {
+    (void)drop_unfinished();
+    if (!is_over(phase))
+        revive();
+}
+
 std::vector<Job::Unwanted> Job::drop_unfinished() {
     std::vector<Unwanted> unwanted;
     for (const auto& [id, tile] : open_)

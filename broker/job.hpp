@@ -2,6 +2,7 @@
 // Pixels are bytes here.
 #pragma once
 
+#include "broker/contents.hpp"
 #include "broker/cost_map.hpp"
 #include "broker/events.hpp"
 #include "common/base/ids.hpp"
@@ -148,6 +149,19 @@ public:
     /// What is not done is pending again, and its failures are forgotten. After drop_unfinished().
     void revive();
 
+    /// A finished tile; its pixels until the store has them.
+    struct Result {
+        Tile tile;
+        std::shared_ptr<const protocol::TileDone> pixels;
+    };
+    [[nodiscard]] const std::vector<Result>& results() const { return results_; }
+    void release_pixels(std::size_t result) { results_.at(result).pixels.reset(); }
+    /// A tile that was finished under another broker, before anything is handed out. False: it is
+    /// none of this job, or brings nothing.
+    bool restore(const StoredTile& stored);
+    /// All that was is restored: what is left is pending.
+    void end_restoring();
+
     /// The finished tiles with cells that `have` lacks, in the order in which they came, until
     /// `visit(result)` says false; then how many more are left.
     template <class Visit>
@@ -159,7 +173,7 @@ public:
                     return have.test(result.tile.pass * grid_.count() + cell);
                 }))
                 continue;
-            going = going && visit(*result.done);
+            going = going && visit(result);
             left += going ? 0 : 1;
         }
         return left;
@@ -177,6 +191,9 @@ public:
     Instant submitted_at;     ///< from then on a time limit counts
     Instant scene_came_on_at; ///< while waiting for it: when it was last asked for or came
     std::optional<Instant> acknowledged_at, over_at;
+    bool is_kept = false;       ///< the store has it, or will
+    bool is_being_kept = false; ///< and it is acknowledged then
+    bool holds_scene = false;   ///< counted in the blob store
 
     [[nodiscard]] protocol::JobState state(std::uint64_t epoch, Instant now) const;
 
@@ -199,10 +216,6 @@ private:
         OpenTileId whole{};      ///< it is a part of that one, which is open as well
         std::uint32_t parts = 0; ///< its parts that are open
         bool covered = false;    ///< by its parts that are open or done
-    };
-    struct Result {
-        Tile tile;
-        std::shared_ptr<const protocol::TileDone> done;
     };
     using OpenTiles = std::map<OpenTileId, OpenTile>;
 

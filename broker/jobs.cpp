@@ -24,6 +24,11 @@ std::uint64_t cell_count(const SubmitJob& s) {
     return cells_of(s.settings.crop, side).pixel_count() * pass_count(s.settings);
 }
 
+/// And not for the store to have it.
+bool is_waiting_for_scene(const Job& job) {
+    return job.phase == JobPhase::waiting_for_scene && !job.is_being_kept;
+}
+
 bool is_tag(const std::string& tag) {
     return !tag.empty() && tag.size() <= name_bytes_max;
 }
@@ -72,18 +77,25 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
 }
 
 void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
+    if (forgotten_.contains(submission.job))
+        return refuse(peer, RefusalCode::conflict, "this job was over, and has been forgotten",
+                      submission.job);
     if (Job* known = job_of(submission.job)) {
         if (known->submission() != submission)
             return refuse(peer, RefusalCode::conflict, "another job has this id", submission.job);
-        send(peer, known->state(identity_.epoch, now_));
+        send(peer, state_of(*known));
         if (known->phase == JobPhase::waiting_for_scene) { // its client came back
             known->set_client(peer);
-            ask_for_scene(*known);
+            if (!known->is_being_kept)
+                ask_for_scene(*known);
         }
         return;
     }
     if (const auto refused = objection(submission))
         return send(peer, *refused);
+    if (!store_trouble_.empty())
+        return refuse(peer, RefusalCode::limit_exceeded,
+                      "this broker cannot keep jobs now: " + store_trouble_, submission.job);
 
     Job fresh(submission, last_number_ + 1, peer);
     // What is over makes room for what is to come.
@@ -116,16 +128,16 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
                                    " passes there is room for " + std::to_string(fresh.passes()));
     Job& job = jobs_.emplace(submission.job, std::move(fresh)).first->second;
     job.submitted_at = job.scene_came_on_at = now_;
+    job.holds_scene = true;
     job_by_number_[++last_number_] = job.id();
     if (blobs_.complete(submission.scene)) {
-        acknowledge(job);
-        send(peer, job.state(identity_.epoch, now_));
-        return;
+        keep_job(job);
+        return send(peer, state_of(job));
     }
-    send(peer, job.state(identity_.epoch, now_));
+    send(peer, state_of(job));
     const bool somebody_sends_it = std::ranges::any_of(jobs_, [&](const auto& entry) {
         const Job& other = entry.second;
-        return other.id() != job.id() && other.phase == JobPhase::waiting_for_scene &&
+        return other.id() != job.id() && is_waiting_for_scene(other) &&
                other.submission().scene == submission.scene && other.client() != peer;
     });
     if (!somebody_sends_it)
@@ -150,7 +162,7 @@ void Dispatcher::give_up_scene(Job& job, const std::string& why) {
 void Dispatcher::ask_others_for_scene(const ContentHash& scene) {
     const auto heir = std::ranges::find_if(jobs_, [&](const auto& entry) {
         const Job& other = entry.second;
-        return other.phase == JobPhase::waiting_for_scene && other.submission().scene == scene &&
+        return is_waiting_for_scene(other) && other.submission().scene == scene &&
                clients_.contains(other.client());
     });
     if (heir != jobs_.end())
@@ -160,7 +172,7 @@ void Dispatcher::ask_others_for_scene(const ContentHash& scene) {
 /// What a scene that does not come takes up, others may need.
 void Dispatcher::give_up_scenes_that_do_not_come() {
     const auto is_stuck = [this](const auto& entry) {
-        return entry.second.phase == JobPhase::waiting_for_scene &&
+        return is_waiting_for_scene(entry.second) &&
                now_ - entry.second.scene_came_on_at > limits_.scene_patience;
     };
     // One at a time: the next may have been asked for its scene just now.
@@ -168,13 +180,13 @@ void Dispatcher::give_up_scenes_that_do_not_come() {
          (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();) {
         Job& job = stuck->second;
         give_up_scene(job, "its client did not send the scene");
-        send(job.client(), job.state(identity_.epoch, now_));
+        send(job.client(), state_of(job));
     }
 }
 
 void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
     const auto waiting = [&](const Job& job) {
-        return job.phase == JobPhase::waiting_for_scene && job.submission().scene == chunk.blob;
+        return is_waiting_for_scene(job) && job.submission().scene == chunk.blob;
     };
     std::vector<JobId> ids;
     for (const auto& [id, job] : jobs_)
@@ -192,8 +204,9 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
     case BlobStore::Arrival::complete:
         for (const JobId& id : ids) {
             Job& job = jobs_.at(id);
-            acknowledge(job);
-            send(job.client(), job.state(identity_.epoch, now_));
+            keep_job(job);
+            if (job.acknowledged_at)
+                send(job.client(), state_of(job));
         }
         return;
     case BlobStore::Arrival::wrong_hash:
@@ -201,10 +214,10 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
             if (Job* job = job_of(id); job && job->client() == peer) {
                 end_job(*job, JobPhase::failed,
                         "the scene that was sent does not have the announced hash");
-                send(peer, job->state(identity_.epoch, now_));
+                send(peer, state_of(*job));
             }
         for (const JobId& id : ids)
-            if (Job* job = job_of(id); job && job->phase == JobPhase::waiting_for_scene)
+            if (Job* job = job_of(id); job && is_waiting_for_scene(*job))
                 return ask_for_scene(*job);
         return;
     case BlobStore::Arrival::ignored:
@@ -265,7 +278,7 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
         return refuse(peer, RefusalCode::invalid,
                       "'" + what + "' fits " + std::to_string(found.size()) +
                           " jobs: give more of the id");
-    send(peer, found.front()->state(identity_.epoch, now_));
+    send(peer, state_of(*found.front()));
 }
 
 /// The pictures of jobs with a time limit are as good as they get.
@@ -291,7 +304,8 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
     if (job.acknowledged_at)
         deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
     cancel_unwanted(job, assigned);
-    const auto state = job.state(identity_.epoch, now_);
+    keep_phase(job);
+    const auto state = state_of(job);
     log(phase == JobPhase::failed ? LogLevel::warning : LogLevel::info,
         described(job) +
             (phase == JobPhase::done     ? " is done"
@@ -311,7 +325,11 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
 
 void Dispatcher::forget(JobId id) {
     const Job& job = jobs_.at(id);
-    blobs_.release(job.submission().scene);
+    if (job.holds_scene)
+        blobs_.release(job.submission().scene);
+    if (job.is_kept)
+        persist(ForgetJob{id}, {.job = id});
+    bury(id);
     job_by_number_.erase(job.number());
     jobs_.erase(id);
 }

@@ -11,8 +11,12 @@ namespace fraja::broker {
 struct Limits {
     std::size_t workers_max = 20'000;
     std::size_t clients_max = 5'000;
-    std::size_t jobs_max = 1'000;        ///< not yet over
-    std::size_t finished_jobs_max = 200; ///< kept for watchers; the oldest are forgotten first
+    std::size_t jobs_max = 1'000;          ///< not yet over
+    std::size_t finished_jobs_max = 1'000; ///< kept for watchers; the oldest are forgotten first
+    Duration keep = std::chrono::hours(7 * 24); ///< so long; then they are forgotten, too
+    std::size_t tombstones_max = 10'000;        ///< ids of forgotten jobs that are not used again
+    /// Of what is on its way to the store; beyond, no tiles are handed out.
+    std::uint64_t unstored_bytes_max = std::uint64_t{256} << 20;
     std::uint64_t stored_bytes_max = std::uint64_t{8}
                                      << 30; ///< pixels, done and promised, of all jobs kept
     std::uint64_t blob_bytes_max = std::uint64_t{4} << 30; ///< scenes, arrived and announced

@@ -1,5 +1,7 @@
 // fraja-broker: reads the options and runs the broker.
 #include "broker/shell.hpp"
+#include "broker/store.hpp"
+#include "broker/store_reader.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 
@@ -7,7 +9,6 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
 #include <fmt/core.h>
 #include <iostream>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -30,7 +31,9 @@ Deals out the tiles of submitted pictures to workers and publishes them as they 
 struct Arguments {
     broker::Options options;
     std::string state; ///< empty: the default, where there can be one
-    std::string heartbeat = "1s", lease = "60s", log_level = "info";
+    std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m",
+                log_level = "info";
+    bool check = false;
 };
 
 /// $XDG_STATE_HOME/fraja, or what the XDG specification puts in its place.
@@ -47,15 +50,39 @@ int usage_error(const std::string& message) {
     return 2;
 }
 
-Result<void> prepare_state(const std::string& state) {
-    if (state == "none")
-        return {};
-    std::error_code error;
-    std::filesystem::create_directories(state, error);
-    if (error || !std::filesystem::is_directory(state))
-        return Error{ErrorCode::io, "--state " + state + ": cannot make this directory: " +
-                                        (error ? error.message() : "something else is there")};
+/// Of so many failures within a time: `3/10m`.
+Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
+    const std::size_t slash = text.find('/');
+    const auto count = parse_count(std::string_view(text).substr(0, slash));
+    const auto window =
+        slash == std::string::npos ? std::nullopt : parse_duration(text.substr(slash + 1));
+    if (!count || *count < 1 || *count > 1'000'000 || !window || *window <= Duration::zero())
+        return Error{ErrorCode::invalid_argument,
+                     "--quarantine " + text + ": failures and a time, as 3/10m"};
+    limits.quarantine_failures = static_cast<std::uint32_t>(*count);
+    limits.quarantine_window = *window;
     return {};
+}
+
+/// What is in the store, for people.
+int check_state(const std::string& state) {
+    if (state == "none") {
+        fmt::print("--state none: nothing is kept\n");
+        return 0;
+    }
+    const auto store = broker::Store::open(state);
+    auto reader = store ? broker::StoreReader::open(*store) : store.error();
+    const auto contents = reader ? reader->read() : reader.error();
+    if (!contents)
+        return usage_error(contents.error().message);
+    std::size_t tiles = 0, over = 0;
+    for (const broker::StoredJob& job : contents->jobs) {
+        tiles += job.tiles.size();
+        over += is_over(job.phase);
+    }
+    fmt::print("{}: {} job(s), {} of them over, {} tile(s), {} scene(s)\n", store->file().string(),
+               contents->jobs.size(), over, tiles, contents->blobs.size());
+    return 0;
 }
 
 spdlog::level::level_enum to_spdlog(broker::LogLevel level) {
@@ -84,8 +111,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
         ->capture_default_str();
     app.add_option(
            "--state", arguments.state,
-           "Directory for jobs and tiles, or 'none'. This version keeps them in memory only: "
-           "the directory is made and checked, jobs end with the broker")
+           "Directory where jobs, scenes and finished tiles are kept, so that a broker that is "
+           "started again goes on with them; none: in memory alone")
         ->default_str("$XDG_STATE_HOME/fraja");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
@@ -102,6 +129,13 @@ void add_options(CLI::App& app, Arguments& arguments) {
            "Failures of one tile, on different workers where there are, before its job fails")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000));
+    app.add_option("--quarantine", arguments.quarantine,
+                   "A worker that failed so many tiles within the time gets none for as long")
+        ->capture_default_str()
+        ->type_name("N/TIME");
+    app.add_option("--keep", arguments.keep, "How long jobs that are over are kept")
+        ->capture_default_str();
+    app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
     app.add_option("--log-level", arguments.log_level, "debug, info, warning or error")
         ->capture_default_str()
         ->check(CLI::IsMember({"debug", "info", "warning", "error"}));
@@ -122,23 +156,26 @@ int main(int argc, char** argv) {
 
     broker::Options& options = arguments.options;
     const auto heartbeat = parse_duration(arguments.heartbeat),
-               lease = parse_duration(arguments.lease);
+               lease = parse_duration(arguments.lease), keep = parse_duration(arguments.keep);
     if (!heartbeat || *heartbeat < std::chrono::milliseconds(10))
         return usage_error("--heartbeat " + arguments.heartbeat +
                            ": a duration of at least 10ms, as 1s");
     if (!lease || *lease < *heartbeat)
         return usage_error("--lease " + arguments.lease +
                            ": a duration not below the heartbeat, as 60s");
+    if (!keep)
+        return usage_error("--keep " + arguments.keep + ": a duration, as 7d");
+    if (const auto read = read_quarantine(arguments.quarantine, options.limits); !read)
+        return usage_error(read.error().message);
+    options.limits.keep = *keep;
     options.limits.heartbeat = *heartbeat;
     options.limits.lease = *lease;
-    const bool default_wanted = arguments.state.empty();
-    if (default_wanted)
+    if (arguments.state.empty())
         arguments.state = default_state();
-    std::string state_warning;
-    if (const auto prepared = prepare_state(arguments.state); !prepared && !default_wanted)
-        return usage_error(prepared.error().message);
-    else if (!prepared)
-        state_warning = prepared.error().message;
+    if (arguments.check)
+        return check_state(arguments.state);
+    if (arguments.state != "none")
+        options.state = arguments.state;
 
     const auto logger = spdlog::stderr_color_mt("fraja-broker");
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
@@ -150,10 +187,10 @@ int main(int argc, char** argv) {
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
         fmt::print("listening {} stream {}\n", bound, stream);
         std::fflush(stdout);
-        if (!state_warning.empty())
-            logger->warn("{}", state_warning);
-        if (arguments.state != "none")
+        if (arguments.state == "none")
             logger->info("jobs are kept in memory only: they end with this process");
+        else
+            logger->info("jobs are kept in {}", arguments.state);
     };
 
     const net::Context context;

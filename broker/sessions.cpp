@@ -209,7 +209,7 @@ void Dispatcher::end_client(const PeerId& peer, Departure departure) {
         return;
     std::vector<JobId> orphans;
     for (const auto& [id, job] : jobs_)
-        if (job.phase == JobPhase::waiting_for_scene && job.client() == peer)
+        if (job.phase == JobPhase::waiting_for_scene && !job.is_being_kept && job.client() == peer)
             orphans.push_back(id);
     for (const JobId& id : orphans)
         if (departure == Departure::lost)

@@ -1,6 +1,8 @@
 #include "broker/shell.hpp"
 
 #include "broker/dispatcher.hpp"
+#include "broker/store_reader.hpp"
+#include "broker/store_writer.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -9,6 +11,9 @@
 #include <chrono>
 #include <csignal>
 #include <deque>
+#include <memory>
+#include <span>
+#include <utility>
 #include <vector>
 
 namespace fraja::broker {
@@ -40,32 +45,94 @@ std::uint64_t new_epoch() {
         std::chrono::duration_cast<std::chrono::microseconds>(since_1970).count());
 }
 
-/// Both sockets with the dispatcher between them.
+/// What a broker keeps, and what it found there.
+struct Kept {
+    std::uint64_t epoch = 0;
+    Restored restored;
+    StoreReader reader;
+    StoreWriter writer;
+};
+
+/// The store with all that a broker needs of it at its start.
+Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
+                                         const net::Waker& waker) {
+    auto store = Store::open(state);
+    if (!store)
+        return store.error();
+    const auto epoch = store->next_epoch();
+    if (!epoch)
+        return epoch.error();
+    auto reader = StoreReader::open(*store);
+    if (!reader)
+        return reader.error();
+    auto contents = reader->read();
+    if (!contents)
+        return contents.error();
+    Restored restored{std::move(*contents), {}};
+    for (const StoredJob& job : restored.contents.jobs) {
+        const ContentHash& scene = job.submission.scene;
+        if (is_over(job.phase) || restored.scenes.contains(scene))
+            continue;
+        auto bytes = reader->blob(scene);
+        if (!bytes)
+            return bytes.error();
+        if (*bytes)
+            restored.scenes[scene] = std::move(**bytes);
+    }
+    return std::unique_ptr<Kept>(new Kept{*epoch, std::move(restored), std::move(*reader),
+                                          StoreWriter(std::move(*store), waker)});
+}
+
+/// Both sockets and the store, with the dispatcher between them.
 class Shell {
 public:
-    Shell(net::RouterSocket router, net::PublisherSocket publisher, const Options& options)
-        : router_(std::move(router)), publisher_(std::move(publisher)), options_(options),
-          dispatcher_({random_id<BrokerId>(), new_epoch(), publisher_.endpoint()}, options.limits) {
-    }
+    /// `kept`: null where nothing is kept. `waker` is woken when there is news of it.
+    Shell(net::RouterSocket router, net::PublisherSocket publisher, std::unique_ptr<Kept> kept,
+          const net::Waker& waker, const Options& options)
+        : router_(std::move(router)), publisher_(std::move(publisher)), kept_(std::move(kept)),
+          waker_(waker), options_(options),
+          dispatcher_({random_id<BrokerId>(), kept_ ? kept_->epoch : new_epoch(),
+                       publisher_.endpoint(), kept_ != nullptr},
+                      options.limits) {}
 
-    void run(const Control& control) {
+    /// Whether all is kept that should be.
+    bool run(const Control& control) {
+        if (kept_)
+            step(std::exchange(kept_->restored, {}));
         step(Tick{});
         while (!control.stopping() && !stopped_by_signal_) {
-            std::vector<net::Waitable> waitables{router_, publisher_, control.waker().fd()};
+            std::vector<net::Waitable> waitables{router_, publisher_, control.waker().fd(),
+                                                 waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
             net::wait(waitables, dispatcher_.next_deadline() - net::now());
             control.waker().drain();
             take_signals();
+            take_news();
             for (int i = 0; i < messages_per_turn_max && take_subscription(); ++i) {
             }
             for (int i = 0; i < messages_per_turn_max && take_message(); ++i) {
             }
             step(Tick{});
         }
+        return !kept_ || kept_->writer.stop();
     }
 
 private:
+    void take_news() {
+        waker_.drain();
+        if (!kept_)
+            return;
+        for (const StoreNews& news : kept_->writer.take_news()) {
+            if (const auto* committed = std::get_if<Committed>(&news))
+                step(Stored{committed->sequence});
+            else if (const auto* trouble = std::get_if<StoreTrouble>(&news))
+                step(StoreFails{trouble->reason});
+            else
+                step(StoreWorks{});
+        }
+    }
+
     void take_signals() {
         while (const auto signal = options_.signals ? options_.signals->receive() : std::nullopt) {
             if (*signal == SIGINT || *signal == SIGTERM) {
@@ -120,8 +187,30 @@ private:
                 events.push_back(PeerUnreachable{send->peer});
         } else if (const auto* publish = std::get_if<Publish>(&action)) {
             publisher_.publish(publish->topic, protocol::encode(publish->message));
+        } else if (const auto* write = std::get_if<Persist>(&action)) {
+            kept_->writer.enqueue(write->write, write->sequence);
+        } else if (const auto* wish = std::get_if<SendStored>(&action)) {
+            send_stored(*wish, events);
+        } else if (const auto* load = std::get_if<LoadScene>(&action)) {
+            auto scene = kept_->reader.blob(load->scene);
+            if (!scene)
+                log(LogLevel::error, scene.error().message);
+            events.push_back(
+                SceneLoaded{load->job, load->peer, scene ? std::move(*scene) : std::nullopt});
         } else if (const auto* line = std::get_if<Log>(&action)) {
             log(line->level, line->text);
+        }
+    }
+
+    void send_stored(const SendStored& wish, std::deque<Event>& events) {
+        for (const TileIndex tile : wish.tiles) {
+            auto stored = kept_->reader.tiles(wish.job, std::span(&tile, 1));
+            if (!stored) {
+                log(LogLevel::error, stored.error().message);
+                continue;
+            }
+            for (protocol::TileDone& done : *stored)
+                perform(Send{wish.peer, std::move(done)}, events);
         }
     }
 
@@ -132,6 +221,8 @@ private:
 
     net::RouterSocket router_;
     net::PublisherSocket publisher_;
+    std::unique_ptr<Kept> kept_;
+    const net::Waker& waker_;
     const Options& options_;
     Dispatcher dispatcher_;
     std::vector<Action> actions_;
@@ -148,6 +239,14 @@ Result<void> run_broker(const net::Context& context, const Options& options,
     const auto publish = checked_endpoint(options.publish, 50058, options.insecure);
     if (!publish)
         return publish.error();
+    const net::Waker waker;
+    std::unique_ptr<Kept> kept;
+    if (!options.state.empty()) {
+        auto opened = open_store(options.state, waker);
+        if (!opened)
+            return opened.error();
+        kept = std::move(*opened);
+    }
     auto router = net::RouterSocket::bind(context, *bind);
     if (!router)
         return router.error();
@@ -156,7 +255,10 @@ Result<void> run_broker(const net::Context& context, const Options& options,
         return publisher.error();
     if (options.on_listening)
         options.on_listening(router->endpoint(), publisher->endpoint());
-    Shell(std::move(*router), std::move(*publisher), options).run(control);
+    Shell shell(std::move(*router), std::move(*publisher), std::move(kept), waker, options);
+    if (!shell.run(control))
+        return Error{ErrorCode::io,
+                     options.state.string() + ": not all could be written in the end"};
     return {};
 }
 

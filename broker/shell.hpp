@@ -10,6 +10,7 @@
 #include "common/net/waker.hpp"
 
 #include <atomic>
+#include <filesystem>
 #include <functional>
 #include <string>
 
@@ -36,6 +37,7 @@ struct Options {
     bool insecure =
         false; ///< allow endpoints that other machines can reach, though nobody has keys
     Limits limits;
+    std::filesystem::path state; ///< where jobs are kept; empty: in memory alone
 
     /// Called once, when both sockets are bound, with their real endpoints.
     std::function<void(const std::string& bound, const std::string& stream)> on_listening;
@@ -45,7 +47,8 @@ struct Options {
 };
 
 /// Runs until it is told to stop. Errors: invalid_argument for endpoints that make no sense or
-/// demand keys; io when they cannot be bound.
+/// demand keys; io when they cannot be bound; those of Store::open and StoreReader::read; io when
+/// it stopped and not all could be written.
 [[nodiscard]] Result<void> run_broker(const net::Context& context, const Options& options,
                                       const Control& control);
 

@@ -64,9 +64,9 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
       set_priority_(database_, "UPDATE jobs SET priority = ?2 WHERE job = ?1"),
       drop_job_(database_, "DELETE FROM jobs WHERE job = ?1"),
       tile_is_new_(database_, "SELECT 1 FROM jobs WHERE job = ?1 AND NOT EXISTS "
-                              "(SELECT 1 FROM tiles WHERE job = ?1 AND tile = ?2)"),
+                              "(SELECT 1 FROM tiles WHERE job = ?1 AND tile = ?2 AND extent = ?3)"),
       put_pixels_(database_, "INSERT INTO pixels (bytes) VALUES (?1)"),
-      put_tile_(database_, "INSERT INTO tiles VALUES (?1, ?2, ?3, ?4, ?5)"),
+      put_tile_(database_, "INSERT INTO tiles VALUES (?1, ?2, ?3, ?4, ?5, ?6)"),
       drop_pixels_(database_,
                    "DELETE FROM pixels WHERE id IN (SELECT pixels FROM tiles WHERE job = ?1)"),
       drop_tiles_(database_, "DELETE FROM tiles WHERE job = ?1"),
@@ -102,6 +102,15 @@ Result<void> Store::limit_file(std::uint64_t bytes_max) {
         bytes_max == 0 ? pages_max : std::clamp<std::uint64_t>(pages, 1, pages_max);
     const auto set = database_.integer("PRAGMA max_page_count = " + std::to_string(wanted));
     return set ? Result<void>() : Result<void>(set.error());
+}
+
+Result<std::uint64_t> Store::next_epoch() {
+    const auto now_us = std::to_string(now() / 1000);
+    const auto epoch =
+        database_.integer("UPDATE farm SET epoch = max(epoch + 1, " + now_us + ") RETURNING epoch");
+    if (!epoch)
+        return epoch.error();
+    return static_cast<std::uint64_t>(*epoch);
 }
 
 Result<void> Store::make_durable(Durability durability) {
@@ -197,8 +206,11 @@ Result<void> Store::put(const PutTile& put) {
     FRAJA_ASSERT(put.tile);
     const protocol::TileDone& tile = *put.tile;
     const auto index = static_cast<std::int64_t>(tile.tile);
+    // Tiles of one number may differ in size: the whole, and its first part.
+    const auto extent =
+        static_cast<std::int64_t>(std::uint64_t{tile.rect.width} << 32 | tile.rect.height);
     {
-        Rows rows = tile_is_new_.query(key_of(tile.job), index);
+        Rows rows = tile_is_new_.query(key_of(tile.job), index, extent);
         const auto is_new = rows.next();
         if (!is_new)
             return is_new.error();
@@ -210,7 +222,7 @@ Result<void> Store::put(const PutTile& put) {
     if (const auto done = put_pixels_.run(pixels); !done)
         return done;
     const Bytes body = protocol::encode(tile).body;
-    return put_tile_.run(key_of(tile.job), index, std::span<const std::byte>(body),
+    return put_tile_.run(key_of(tile.job), index, extent, std::span<const std::byte>(body),
                          database_.last_row_id(), key_of(protocol::content_hash(pixels)));
 }
 

@@ -4,6 +4,7 @@
 
 #include "broker/sqlite.hpp"
 #include "broker/state_lock.hpp"
+#include "broker/writes.hpp"
 #include "common/base/bytes.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/result.hpp"
@@ -21,47 +22,6 @@
 #include <vector>
 
 namespace fraja::broker {
-
-// ----------------------------------------------------------------------------------------- writes
-//
-// Each of them may come twice: the second changes nothing. What is about a job that is not there
-// does nothing.
-
-/// A scene, whole. It and the PutJob that needs it follow one another, in either order: with a
-/// ForgetJob between them it may be gone, since that takes every scene that no job needs.
-struct PutBlob {
-    ContentHash hash;
-    std::vector<Blob> pieces; ///< of any size; together they are the scene
-};
-/// A job in its first phase, submitted now. It takes a tombstone of its own away.
-struct PutJob {
-    protocol::SubmitJob submission;
-    std::uint32_t number = 0;
-    std::uint32_t passes = 1;
-};
-struct PutTile {
-    std::shared_ptr<const protocol::TileDone> tile; ///< not null
-};
-/// The first phase of a job that is_over says when it ended: now.
-struct PutPhase {
-    JobId job;
-    protocol::JobPhase phase{};
-    std::string reason;
-    Duration elapsed{};
-};
-struct PutPriority {
-    JobId job;
-    std::int32_t priority = 0;
-};
-/// The job goes, with its tiles and all scenes that no job needs now. A tombstone stays.
-struct ForgetJob {
-    JobId job;
-};
-
-using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutPriority, ForgetJob>;
-
-/// What a write takes in memory, about.
-[[nodiscard]] std::uint64_t size_bytes(const Write& write);
 
 /// What has survived when a commit returns: `written` the end of this process, `synced` that of
 /// the machine. Commits survive in their order: with one all before it.
@@ -93,6 +53,10 @@ public:
     /// Jobs of which a ForgetJob waits for its turn go now, tombstones and all, so that there is
     /// room for what comes before it; but for scenes, which a job to come may need. Synced.
     [[nodiscard]] Result<void> make_room(std::span<const JobId> jobs);
+
+    /// A number for this start of the broker, larger than all before, whatever the clock says: it
+    /// is microseconds since 1970 where that is larger.
+    [[nodiscard]] Result<std::uint64_t> next_epoch();
 
     /// From now on the file does not grow beyond that; 0: it may. What it has already stays.
     [[nodiscard]] Result<void> limit_file(std::uint64_t bytes_max);

@@ -74,7 +74,7 @@ StoreReader::StoreReader(Database database, WallClock wall_clock)
       begin_(database_, "BEGIN"), commit_(database_, "COMMIT"),
       jobs_(database_, "SELECT submission, number, passes, priority, phase, reason, elapsed, "
                        "submitted_at, over_at FROM jobs ORDER BY number"),
-      all_tiles_(database_, "SELECT job, tile, body FROM tiles ORDER BY job, tile"),
+      all_tiles_(database_, "SELECT job, tile, body FROM tiles ORDER BY job, tile, extent"),
       blobs_(database_, "SELECT hash, size FROM blobs ORDER BY hash"),
       tombstones_(database_, "SELECT job, forgotten_at FROM tombstones ORDER BY id"),
       last_number_(database_, "SELECT last_number FROM farm"),
@@ -195,37 +195,30 @@ Result<std::vector<protocol::TileDone>> StoreReader::tiles(const JobId& job,
                                                            std::span<const TileIndex> which) {
     std::vector<protocol::TileDone> found;
     for (const TileIndex index : which) {
-        auto one = tile(job, index);
-        if (!one)
-            return one.error();
-        if (*one)
-            found.push_back(std::move(**one));
+        if (const auto done = append_tiles(job, index, found); !done)
+            return done.error();
     }
     return found;
 }
 
-Result<std::optional<protocol::TileDone>> StoreReader::tile(const JobId& job, TileIndex which) {
-    std::optional<protocol::TileDone> found;
-    const auto done =
-        for_each_row(database_, tile_.query(key_of(job), static_cast<std::int64_t>(which)),
-                     [&](const Rows& rows) -> std::string {
-                         auto body = protocol::decode_kept<protocol::TileDone>(rows.bytes(0));
-                         if (!body)
-                             return body.error().message;
-                         const auto pixels = rows.bytes(2);
-                         ContentHash hash;
-                         // SQLite's own check of a file does not look at what is in it.
-                         if (!read_key(rows, 1, hash) || protocol::content_hash(pixels) != hash)
-                             return "the pixels of tile " +
-                                    std::to_string(static_cast<std::uint32_t>(which)) + " of job " +
-                                    to_string(job);
-                         found = std::move(*body);
-                         found->blobs = cut(pixels);
-                         return {};
-                     });
-    if (!done)
-        return done.error();
-    return found;
+Result<void> StoreReader::append_tiles(const JobId& job, TileIndex which,
+                                       std::vector<protocol::TileDone>& found) {
+    return for_each_row(database_, tile_.query(key_of(job), static_cast<std::int64_t>(which)),
+                        [&](const Rows& rows) -> std::string {
+                            auto body = protocol::decode_kept<protocol::TileDone>(rows.bytes(0));
+                            if (!body)
+                                return body.error().message;
+                            const auto pixels = rows.bytes(2);
+                            ContentHash hash;
+                            // SQLite's own check of a file does not look at what is in it.
+                            if (!read_key(rows, 1, hash) || protocol::content_hash(pixels) != hash)
+                                return "the pixels of tile " +
+                                       std::to_string(static_cast<std::uint32_t>(which)) +
+                                       " of job " + to_string(job);
+                            found.push_back(std::move(*body));
+                            found.back().blobs = cut(pixels);
+                            return {};
+                        });
 }
 
 Result<std::optional<Bytes>> StoreReader::blob(const ContentHash& hash) {

@@ -2,6 +2,7 @@
 // that are asked for.
 #pragma once
 
+#include "broker/contents.hpp"
 #include "broker/sqlite.hpp"
 #include "broker/store.hpp"
 #include "common/base/bytes.hpp"
@@ -19,46 +20,6 @@
 
 namespace fraja::broker {
 
-/// A finished tile without its pixels.
-struct StoredTile {
-    TileIndex tile{};
-    std::uint32_t frame = 0, pass = 0;
-    PixelRect rect;
-    protocol::Rays rays;
-    Duration elapsed{};
-    friend bool operator==(const StoredTile&, const StoredTile&) = default;
-};
-
-struct StoredJob {
-    protocol::SubmitJob submission; ///< with the priority that it has now
-    std::uint32_t number = 0, passes = 1;
-    protocol::JobPhase phase{};
-    std::string reason;
-    Duration elapsed{};               ///< as the phase came with
-    Duration age{};                   ///< since it was submitted; 0 where clocks say less
-    std::optional<Duration> over_for; ///< since it ended, if it has; 0 where clocks say less
-    std::vector<StoredTile> tiles;    ///< by index
-};
-
-struct StoredBlob {
-    ContentHash hash;
-    std::uint64_t size_bytes = 0;
-    friend bool operator==(const StoredBlob&, const StoredBlob&) = default;
-};
-
-/// A job that was forgotten.
-struct Tombstone {
-    JobId job;
-    Duration age{}; ///< since then; 0 where clocks say less
-};
-
-struct Contents {
-    std::vector<StoredJob> jobs;       ///< by number
-    std::vector<StoredBlob> blobs;     ///< by hash
-    std::vector<Tombstone> tombstones; ///< the oldest first
-    std::uint32_t last_number = 0;     ///< of all jobs there ever were; 0: none
-};
-
 /// A connection of its own: a thread may read while another writes, each with one of these. It sees
 /// what is committed when a call begins. The store must be open; errors are as the store's.
 class StoreReader {
@@ -69,7 +30,7 @@ public:
     [[nodiscard]] Result<Contents> read();
 
     /// The tiles with their pixels, cut every protocol::chunk_bytes, in the order in which they are
-    /// asked for; those that are not there are left out.
+    /// asked for; those that are not there are left out. Of one number there may be several.
     [[nodiscard]] Result<std::vector<protocol::TileDone>> tiles(const JobId& job,
                                                                 std::span<const TileIndex> which);
     /// Nothing where it is not kept.
@@ -84,7 +45,8 @@ private:
     [[nodiscard]] Result<void> read_blobs(Contents& contents);
     [[nodiscard]] Result<void> read_tombstones(Contents& contents);
     [[nodiscard]] Result<void> read_last_number(Contents& contents);
-    [[nodiscard]] Result<std::optional<protocol::TileDone>> tile(const JobId& job, TileIndex which);
+    [[nodiscard]] Result<void> append_tiles(const JobId& job, TileIndex which,
+                                            std::vector<protocol::TileDone>& found);
     [[nodiscard]] Result<std::optional<Bytes>> read_blob(const ContentHash& hash);
     [[nodiscard]] Duration since(std::int64_t at) const;
 

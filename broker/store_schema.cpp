@@ -18,8 +18,8 @@ namespace fs = std::filesystem;
 // in the order in which they came. Scenes are cut in pieces, since SQLite holds at most 10^9 bytes
 // in one.
 constexpr const char* tables = R"(
-CREATE TABLE farm (last_number INTEGER NOT NULL) STRICT;
-INSERT INTO farm VALUES (0);
+CREATE TABLE farm (last_number INTEGER NOT NULL, epoch INTEGER NOT NULL) STRICT;
+INSERT INTO farm VALUES (0, 0);
 CREATE TABLE jobs (
     job BLOB PRIMARY KEY, number INTEGER NOT NULL, passes INTEGER NOT NULL,
     submission BLOB NOT NULL, scene BLOB NOT NULL, priority INTEGER NOT NULL,
@@ -28,9 +28,9 @@ CREATE TABLE jobs (
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX jobs_by_scene ON jobs (scene);
 CREATE TABLE tiles (
-    job BLOB NOT NULL, tile INTEGER NOT NULL,
+    job BLOB NOT NULL, tile INTEGER NOT NULL, extent INTEGER NOT NULL,
     body BLOB NOT NULL, pixels INTEGER NOT NULL, pixels_hash BLOB NOT NULL,
-    PRIMARY KEY (job, tile)
+    PRIMARY KEY (job, tile, extent)
 ) STRICT, WITHOUT ROWID;
 CREATE TABLE pixels (id INTEGER PRIMARY KEY, bytes BLOB NOT NULL) STRICT;
 CREATE TABLE blobs (id INTEGER PRIMARY KEY, hash BLOB NOT NULL UNIQUE, size INTEGER NOT NULL) STRICT;

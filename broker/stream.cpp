@@ -36,7 +36,7 @@ bool Dispatcher::wants_digest(const Job& job) const {
 
 void Dispatcher::publish_state(const Job& job) {
     if (subscribed_jobs_.contains(job.id()))
-        actions_->push_back(Publish{job_topic(job.id()), job.state(identity_.epoch, now_)});
+        actions_->push_back(Publish{job_topic(job.id()), state_of(job)});
 }
 
 void Dispatcher::publish_digests() {
@@ -46,7 +46,7 @@ void Dispatcher::publish_digests() {
 }
 
 JobState Dispatcher::brief_state(const Job& job) const {
-    JobState state = job.state(identity_.epoch, now_);
+    JobState state = state_of(job);
     state.reason = std::string(clipped(state.reason, limits_.farm_reason_bytes_max));
     return state;
 }
@@ -87,17 +87,23 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
     std::uint32_t tiles = 0;
     std::uint64_t bytes = 0;
     const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
-    const std::uint32_t left = job->missing(Bitmap(wish.have), [&](const TileDone& result) {
+    std::vector<TileIndex> stored;
+    const std::uint32_t left = job->missing(Bitmap(wish.have), [&](const Job::Result& result) {
         const std::uint64_t size =
-            result.rect.pixel_count() * job->submission().settings.pixel_bytes();
+            job->rect(result.tile).pixel_count() * job->submission().settings.pixel_bytes();
         if (tiles >= tiles_max || (tiles > 0 && bytes + size > limits_.repair_bytes_max))
             return false;
         ++tiles;
         bytes += size;
-        send(peer, result);
+        if (result.pixels)
+            send(peer, *result.pixels);
+        else
+            stored.push_back(job->index(result.tile));
         return true;
     });
-    send(peer, RepairDone{job->state(identity_.epoch, now_), left});
+    if (!stored.empty())
+        actions_->push_back(SendStored{peer, job->id(), std::move(stored)});
+    send(peer, RepairDone{state_of(*job), left});
 }
 
 } // namespace fraja::broker

@@ -151,6 +151,7 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
     const double work = seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays;
 
     cancel_unwanted(job, job.finish(grant.id, grant.tile, work, result));
+    keep_newest_result(job);
     if (subscribed_jobs_.contains(job.id()))
         actions_->push_back(Publish{job_topic(job.id()), *result});
     look_ready(job);

@@ -1,0 +1,176 @@
+// Dispatcher: what is kept in the store, and what is found there.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/assert.hpp"
+#include "common/base/text.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+void Dispatcher::persist(Write write, Unstored what) {
+    what.sequence = ++persisted_;
+    what.bytes = size_bytes(write);
+    unstored_bytes_ += what.bytes;
+    unstored_.push_back(what);
+    actions_->push_back(Persist{what.sequence, std::move(write)});
+}
+
+/// Its scene is here. It is acknowledged when it is in the store, if there is one.
+void Dispatcher::keep_job(Job& job) {
+    if (!identity_.keeps)
+        return acknowledge(job);
+    const SubmitJob& s = job.submission();
+    job.is_kept = job.is_being_kept = true;
+    persist(PutBlob{s.scene, {blobs_.whole(s.scene)}}, {.job = job.id()});
+    persist(PutJob{s, job.number(), job.passes()}, {.job = job.id(), .acknowledges = true});
+}
+
+void Dispatcher::keep_phase(const Job& job) {
+    if (job.is_kept)
+        persist(PutPhase{job.id(), job.phase, job.reason, state_of(job).elapsed},
+                {.job = job.id()});
+}
+
+void Dispatcher::keep_newest_result(const Job& job) {
+    if (job.is_kept)
+        persist(PutTile{job.results().back().pixels},
+                {.job = job.id(), .result = job.results().size() - 1});
+}
+
+void Dispatcher::on(const Stored& event) {
+    while (!unstored_.empty() && unstored_.front().sequence <= event.sequence) {
+        const Unstored stored = unstored_.front();
+        unstored_.pop_front();
+        unstored_bytes_ -= stored.bytes;
+        Job* job = job_of(stored.job);
+        if (!job)
+            continue;
+        if (stored.result)
+            job->release_pixels(*stored.result);
+        if (stored.acknowledges)
+            job->is_being_kept = false;
+        if (stored.acknowledges && !is_over(job->phase)) {
+            acknowledge(*job);
+            send(job->client(), state_of(*job));
+        }
+    }
+}
+
+void Dispatcher::on(const StoreFails& event) {
+    store_trouble_ = event.reason;
+    log(LogLevel::error, "nothing can be kept, so nothing is handed out: " + event.reason);
+    for (const auto& [id, job] : jobs_)
+        if (!is_over(job.phase))
+            publish_state(job);
+}
+
+void Dispatcher::on(const StoreWorks&) {
+    store_trouble_.clear();
+    log(LogLevel::info, "what is done is kept again: going on");
+    for (const auto& [id, job] : jobs_)
+        if (!is_over(job.phase))
+            publish_state(job);
+}
+
+JobState Dispatcher::state_of(const Job& job) const {
+    JobState state = job.state(identity_.epoch, now_);
+    if (!store_trouble_.empty() && !is_over(job.phase))
+        state.reason = std::string(
+            clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
+    return state;
+}
+
+// ------------------------------------------------------------------------------ after a restart
+
+void Dispatcher::on(const Restored& event) {
+    FRAJA_ASSERT(identity_.keeps && jobs_.empty() && persisted_ == 0);
+    for (const Tombstone& tombstone : event.contents.tombstones)
+        bury(tombstone.job);
+    for (const StoredJob& stored : event.contents.jobs)
+        restore(stored, event);
+    last_number_ = std::max(last_number_, event.contents.last_number);
+    if (!jobs_.empty())
+        log(LogLevel::info, std::to_string(jobs_.size()) + " job(s) are here from before, " +
+                                std::to_string(ready_.size()) + " to go on with");
+}
+
+void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
+    const JobId id = stored.submission.job;
+    Job& job = jobs_.emplace(id, Job(stored.submission, stored.number, {})).first->second;
+    job.set_passes(stored.passes);
+    job_by_number_[stored.number] = id;
+    last_number_ = std::max(last_number_, stored.number);
+    job.is_kept = true;
+    job.phase =
+        stored.phase == JobPhase::paused || is_over(stored.phase) ? stored.phase : JobPhase::queued;
+    job.reason = stored.reason;
+    for (const StoredTile& tile : stored.tiles)
+        (void)job.restore(tile);
+    const Duration over_for = stored.over_for.value_or(Duration::zero());
+    // Of a job that was at it when its broker died nobody knows how long that took.
+    const Duration elapsed = is_over(stored.phase) ? stored.elapsed : stored.age;
+    job.submitted_at = now_ - stored.age;
+    job.acknowledged_at = now_ - over_for - elapsed;
+    if (is_over(job.phase))
+        job.over_at = now_ - over_for;
+    job.end_restoring();
+    if (is_over(job.phase))
+        return;
+    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+        deadlines_.emplace(job.submitted_at + s.time_limit, id);
+    const auto scene = event.scenes.find(job.submission().scene);
+    if (scene == event.scenes.end() || scene->second.size() != job.submission().scene_bytes ||
+        !blobs_.acquire(scene->first, scene->second.size()))
+        return end_job(job, JobPhase::failed, "its scene is not in the store any more");
+    job.holds_scene = true;
+    if (!blobs_.complete(scene->first))
+        blobs_.restore(scene->first, scene->second);
+    if (job.all_done())
+        return end_job(job, JobPhase::done, "");
+    look_ready(job);
+}
+
+void Dispatcher::on(const SceneLoaded& event) {
+    Job* job = job_of(event.job);
+    if (!job || job->holds_scene || !is_over(job->phase))
+        return;
+    const ContentHash& scene = job->submission().scene;
+    if (event.scene && event.scene->size() == job->submission().scene_bytes &&
+        blobs_.acquire(scene, event.scene->size())) {
+        job->holds_scene = true;
+        if (!blobs_.complete(scene))
+            blobs_.restore(scene, *event.scene);
+    }
+    if (const auto objection = retry(*job))
+        return refuse(event.peer, RefusalCode::invalid, *objection, event.job);
+    publish_state(*job);
+    send(event.peer, state_of(*job));
+}
+
+// ----------------------------------------------------------------------------------- forgetting
+
+void Dispatcher::forget_what_is_old() {
+    std::vector<JobId> old;
+    for (const auto& [id, job] : jobs_)
+        if (job.over_at && now_ - *job.over_at > limits_.keep)
+            old.push_back(id);
+    for (const JobId& id : old)
+        forget(id);
+}
+
+/// Its id is not used again, as long as that can be remembered: whoever submits it once more has
+/// not heard that it is over.
+void Dispatcher::bury(const JobId& job) {
+    if (!forgotten_.insert(job).second)
+        return;
+    forgotten_in_order_.push_back(job);
+    if (forgotten_in_order_.size() > limits_.tombstones_max) {
+        forgotten_.erase(forgotten_in_order_.front());
+        forgotten_in_order_.pop_front();
+    }
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,56 @@
+// What is written to the store, as values.
+//
+// Each of them may come twice: the second changes nothing. What is about a job that is not there
+// does nothing.
+#pragma once
+
+#include "common/base/bytes.hpp"
+#include "common/base/ids.hpp"
+#include "common/base/instant.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace fraja::broker {
+
+/// A scene, whole. It and the PutJob that needs it follow one another, in either order: with a
+/// ForgetJob between them it may be gone, since that takes every scene that no job needs.
+struct PutBlob {
+    ContentHash hash;
+    std::vector<Blob> pieces; ///< of any size; together they are the scene
+};
+/// A job in its first phase, submitted now. It takes a tombstone of its own away.
+struct PutJob {
+    protocol::SubmitJob submission;
+    std::uint32_t number = 0;
+    std::uint32_t passes = 1;
+};
+struct PutTile {
+    std::shared_ptr<const protocol::TileDone> tile; ///< not null
+};
+/// The first phase of a job that is_over says when it ended: now.
+struct PutPhase {
+    JobId job;
+    protocol::JobPhase phase{};
+    std::string reason;
+    Duration elapsed{};
+};
+struct PutPriority {
+    JobId job;
+    std::int32_t priority = 0;
+};
+/// The job goes, with its tiles and all scenes that no job needs now. A tombstone stays.
+struct ForgetJob {
+    JobId job;
+};
+
+using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutPriority, ForgetJob>;
+
+/// What a write takes in memory, about.
+[[nodiscard]] std::uint64_t size_bytes(const Write& write);
+
+} // namespace fraja::broker
