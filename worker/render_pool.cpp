@@ -14,6 +14,7 @@
 #include <limits>
 #include <new>
 #include <optional>
+#include <span>
 
 namespace fraja::worker {
 namespace {
@@ -25,7 +26,7 @@ Kernel kernel_of(protocol::KernelChoice choice) {
     case protocol::KernelChoice::fast:
         return Kernel::fast;
     }
-    FRAJA_ASSERT(!"a kernel that does not exist");
+    FRAJA_ASSERT(false && "a kernel that does not exist");
     return {};
 }
 
@@ -272,10 +273,11 @@ void RenderPool::carry_out(Compiling deed) {
         deed.scene->compiled[deed.kernel] = *compiled;
     else
         deed.scene->compiled.erase(deed.kernel); // the next tile tries anew
-    const auto ended = std::ranges::stable_partition(waiting_, [&](const Drawing& drawing) {
-        return drawing.scene != deed.scene || kernel_of(drawing.settings.kernel) != deed.kernel;
-    });
-    for (Drawing& drawing : ended) {
+    const auto ended =
+        std::stable_partition(waiting_.begin(), waiting_.end(), [&](const Drawing& drawing) {
+            return drawing.scene != deed.scene || kernel_of(drawing.settings.kernel) != deed.kernel;
+        });
+    for (Drawing& drawing : std::span(ended, waiting_.end())) {
         if (compiled) {
             drawing.compiled = *compiled;
             enqueue(std::move(drawing));
@@ -283,7 +285,7 @@ void RenderPool::carry_out(Compiling deed) {
             finish({drawing.key.first, TileBroken{drawing.key.second, compiled.error()}});
         }
     }
-    waiting_.erase(ended.begin(), ended.end());
+    waiting_.erase(ended, waiting_.end());
 }
 
 void RenderPool::carry_out(Drawing deed) {

@@ -185,7 +185,8 @@ struct SocketImpl {
 namespace {
 
 std::unique_ptr<SocketImpl> open(const Context& context, zmq::socket_type type) {
-    auto impl = std::make_unique<SocketImpl>(zmq::socket_t(context.impl().context, type));
+    auto impl = std::make_unique<SocketImpl>(
+        SocketImpl{zmq::socket_t(context.impl().context, type)}); // Clang 14 wants the braces
     set_common_options(impl->socket);
     return impl;
 }

@@ -14,7 +14,7 @@ std::shared_ptr<const CompiledScene> compile_scene(std::shared_ptr<const Scene> 
             return compiled;
         return reference::compile(std::move(scene)); // right, but slow
     }
-    FRAJA_ASSERT(!"a kernel that does not exist");
+    FRAJA_ASSERT(false && "a kernel that does not exist");
     return nullptr;
 }
 

@@ -18,6 +18,8 @@ function(fraja_kernel_object room isa)
     if(NOT isa STREQUAL "native")
         target_compile_options(${objects} PRIVATE -march=${isa})
     endif()
+    # That wide numbers are passed otherwise with AVX than without does not matter within one object.
+    target_compile_options(${objects} PRIVATE $<$<CXX_COMPILER_ID:Clang>:-Wno-psabi>)
     # Unoptimised, wide numbers live in memory, and a picture takes minutes.
     target_compile_options(${objects} PRIVATE $<$<NOT:$<CONFIG:Release>>:-O2>)
     set(closed ${CMAKE_CURRENT_BINARY_DIR}/${entry}.o)
