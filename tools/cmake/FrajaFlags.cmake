@@ -1,6 +1,7 @@
 # fraja_flags: the warnings, the language and the floating-point rules every target is built with.
 option(FRAJA_WERROR "Treat warnings as errors (CI does)" OFF)
 set(FRAJA_SANITIZE "" CACHE STRING "Sanitizers to build with: address,undefined or thread")
+option(FRAJA_FUZZ "Link tests/fuzz with Clang's libFuzzer (preset fuzz)" OFF)
 
 add_library(fraja_flags INTERFACE)
 target_compile_features(fraja_flags INTERFACE cxx_std_20)
@@ -23,6 +24,10 @@ if(FRAJA_SANITIZE)
     if(FRAJA_SANITIZE MATCHES "undefined")
         target_compile_options(fraja_flags INTERFACE -fno-sanitize-recover=all)
     endif()
+endif()
+if(FRAJA_FUZZ)
+    target_compile_options(fraja_flags INTERFACE
+        -fsanitize-ignorelist=${PROJECT_SOURCE_DIR}/tools/sanitizers/fuzz.ignore)
 endif()
 
 set(CMAKE_INTERPROCEDURAL_OPTIMIZATION OFF)

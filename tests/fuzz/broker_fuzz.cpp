@@ -1,0 +1,439 @@
+// The broker's core, whatever its peers say and when: a stream of events for broker::Dispatcher,
+// and after each of them what every peer may rely on, judged by what it was sent.
+#include "broker/dispatcher.hpp"
+#include "common/base/assert.hpp"
+#include "common/protocol/codec.hpp"
+#include "common/protocol/passes.hpp"
+#include "common/protocol/topics.hpp"
+#include "tests/fuzz/arbitrary.hpp"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <tuple>
+
+using namespace fraja;
+using namespace fraja::fuzz;
+using namespace fraja::protocol;
+using broker::PeerId;
+
+namespace {
+
+constexpr std::uint32_t peers = 6;
+constexpr std::size_t events_max = 400;
+constexpr std::uint64_t pixels_max = 4'096; ///< of a job: more takes time and shows nothing new
+constexpr std::uint64_t plan_max = 2'048;   ///< tiles, of all passes
+
+/// Few of everything, so that the limits are met.
+broker::Limits small_limits() {
+    broker::Limits limits;
+    limits.workers_max = 4;
+    limits.clients_max = 3;
+    limits.jobs_max = 3;
+    limits.finished_jobs_max = 2;
+    limits.stored_bytes_max = 200'000;
+    limits.blob_bytes_max = 600'000;
+    limits.topics_max = 3;
+    limits.repair_tiles_max = 8;
+    limits.repair_bytes_max = 2'000;
+    limits.farm_jobs_max = 3;
+    limits.farm_workers_max = 3;
+    return limits;
+}
+
+/// What names a tile at a worker.
+using TileKey = std::tuple<JobId, decltype(RenderTile::tile), decltype(RenderTile::attempt)>;
+
+template <class M>
+TileKey key_of(const M& m) {
+    return {m.job, m.tile, m.attempt};
+}
+
+/// A peer as it sees itself.
+struct Peer {
+    bool spoke = false;
+    bool welcome_as_worker = false; ///< the last Welcome answered a WorkerHello
+    std::uint32_t credit = 0;       ///< last said
+    std::uint64_t tiles_received = 0;
+    struct Tile {
+        RenderTile order;
+        std::uint64_t number = 0; ///< of the session's tiles, from 0
+    };
+    std::map<TileKey, Tile> outstanding;
+
+    [[nodiscard]] const Tile* pick(Input& in) const {
+        if (outstanding.empty())
+            return nullptr;
+        const auto at = in.below(static_cast<std::uint32_t>(outstanding.size()));
+        return &std::next(outstanding.begin(), at)->second;
+    }
+};
+
+/// Pixels: of which pass, x, y.
+using Places = std::set<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>>;
+
+/// A job as its watchers see it.
+struct WatchedJob {
+    std::uint32_t number = 0; ///< another one: another job of the same id
+    PictureSettings settings;
+    JobPhase phase{};
+    std::uint32_t done_count = 0;
+    Places published;
+};
+
+class World {
+public:
+    explicit World(Input& in)
+        : in_(in), dispatcher_({id_of<BrokerId>(1), epoch, "tcp://*:50058"}, small_limits()) {}
+
+    void run() {
+        for (std::size_t i = 0; i < events_max && !in_.empty(); ++i)
+            one_event();
+        for (std::uint32_t id = 1; id <= ids; ++id)
+            check_repair(id_of<JobId>(id));
+    }
+
+private:
+    static constexpr std::uint64_t epoch = 7;
+
+    PeerId any_peer() { return std::string(1, static_cast<char>('a' + in_.below(peers))); }
+
+    // ------------------------------------------------------------------------------ what happens
+
+    void one_event() {
+        switch (in_.below(20)) {
+        case 0:
+        case 1:
+            now_ = now_ + time_step(in_);
+            return step(broker::Tick{});
+        case 2:
+            now_ = std::max(now_, dispatcher_.next_deadline());
+            return step(broker::Tick{});
+        case 3:
+            return say(any_peer(), hello());
+        case 4:
+            return say(any_peer(), message_of<ClientHello>(in_));
+        case 5:
+        case 6:
+            return submit(any_peer());
+        case 7:
+            return say(any_peer(), chunk());
+        case 8:
+        case 9:
+        case 10:
+            return render(any_peer());
+        case 11:
+            return fail(any_peer());
+        case 12:
+            return beat(any_peer());
+        case 13:
+            return say(any_peer(), in_.below(2) ? Message(message_of<FindJob>(in_))
+                                                : Message(message_of<CancelJob>(in_)));
+        case 14:
+            return say(any_peer(), message_of<Repair>(in_));
+        case 15:
+            return rubbish(any_peer());
+        case 16:
+            return step(broker::PeerUnreachable{any_peer()});
+        case 17:
+            return subscriptions();
+        case 18:
+            return say_again(any_peer());
+        case 19:
+            return say(any_peer(), any_message(in_));
+        }
+    }
+
+    /// One that is welcome, mostly.
+    WorkerHello hello() {
+        auto hello = message_of<WorkerHello>(in_);
+        if (in_.once_in(8))
+            return hello;
+        hello.threads = 1 + in_.below(4);
+        hello.credit = in_.below(6);
+        hello.worker_name.resize(std::min<std::size_t>(hello.worker_name.size(), 20));
+        hello.tags.clear();
+        return hello;
+    }
+
+    void submit(const PeerId& peer) {
+        auto job = message_of<SubmitJob>(in_);
+        if (!in_.once_in(8)) {
+            const KnownScene& scene = any_scene(in_);
+            job.scene = scene.hash;
+            job.scene_bytes = scene.text->size();
+            job.tile_side = 4 * in_.below(4);
+            job.job_name.resize(std::min<std::size_t>(job.job_name.size(), 20));
+        }
+        say(peer, job);
+    }
+
+    Message chunk() {
+        auto chunk = message_of<Chunk>(in_);
+        const KnownScene& scene = any_scene(in_);
+        if (!in_.once_in(8))
+            chunk = scene.chunks[in_.below(static_cast<std::uint32_t>(scene.chunks.size()))];
+        if (in_.once_in(8)) // the right size, and other bytes
+            chunk.blobs = {make_blob(Bytes(chunk.blobs.front()->size(), std::byte{'?'}))};
+        return chunk;
+    }
+
+    void render(const PeerId& peer) {
+        const Peer::Tile* tile = peers_[peer].pick(in_);
+        auto answer = message_of<TileRendered>(in_);
+        if (tile) {
+            answer = answer_to(tile->order, answer);
+            answer.blobs =
+                pixels(tile->order.rect.pixel_count() * tile->order.settings.pixel_bytes() +
+                           in_.once_in(8),
+                       in_);
+        }
+        say(peer, answer);
+    }
+
+    void fail(const PeerId& peer) {
+        const Peer::Tile* tile = peers_[peer].pick(in_);
+        const auto answer = message_of<TileFailed>(in_);
+        say(peer, tile ? answer_to(tile->order, answer) : answer);
+    }
+
+    /// With what it has, less than that, or something else.
+    void beat(const PeerId& name) {
+        const Peer& peer = peers_[name];
+        auto beat = message_of<WorkerBeat>(in_);
+        if (!in_.once_in(8)) {
+            beat.credit = in_.below(6);
+            beat.tiles_received = peer.tiles_received - in_.once_in(4);
+            beat.in_flight.clear();
+            for (const auto& [key, tile] : peer.outstanding)
+                if (!in_.once_in(4)) {
+                    TileInFlight& named = beat.in_flight.emplace_back();
+                    copy_common(named, tile.order);
+                    named.rays = in_.byte();
+                }
+        }
+        say(name, beat);
+    }
+
+    void rubbish(const PeerId& peer) {
+        std::string text;
+        fill(in_, text);
+        peers_[peer].spoke = true;
+        step(broker::PeerSpokeRubbish{
+            peer,
+            Error{in_.below(2) ? ErrorCode::version_mismatch : ErrorCode::malformed_frame, text}});
+    }
+
+    void subscriptions() {
+        std::string topic(farm_topic);
+        switch (in_.below(4)) {
+        case 0:
+            break;
+        case 1:
+            fill(in_, topic);
+            break;
+        case 2:
+            topic = barrier_topic(id_of<Nonce>(in_.byte()));
+            break;
+        case 3:
+            topic = job_topic(id_of<JobId>(1 + in_.below(ids)));
+            break;
+        }
+        if (in_.once_in(4))
+            step(broker::TopicUnsubscribed{topic});
+        else
+            step(broker::TopicSubscribed{topic});
+    }
+
+    void say_again(const PeerId& peer) {
+        if (last_said_)
+            say(peer, Message(*last_said_));
+    }
+
+    void say(const PeerId& peer, Message message) {
+        if (const auto* job = std::get_if<SubmitJob>(&message); job && too_large(*job))
+            return;
+        note_said(peer, message);
+        last_said_ = message;
+        step(broker::PeerSaid{peer, std::move(message)});
+    }
+
+    static bool too_large(const SubmitJob& job) {
+        const PixelRect& crop = job.settings.crop;
+        if (!validate(job.settings))
+            return false; // it is refused
+        return crop.pixel_count() > pixels_max || pass_count(job.settings) > 8 ||
+               crop.pixel_count() * pass_count(job.settings) /
+                       std::max<std::uint64_t>(1, std::uint64_t{job.tile_side} * job.tile_side) >
+                   plan_max;
+    }
+
+    // ------------------------------------------------------------------- what peers know of it
+
+    void note_said(const PeerId& name, const Message& message) {
+        Peer& peer = peers_[name];
+        peer.spoke = true;
+        if (const auto* hello = std::get_if<WorkerHello>(&message)) {
+            said_hello_ = *hello;
+        } else if (const auto* beat = std::get_if<WorkerBeat>(&message)) {
+            peer.credit = std::min<std::uint32_t>(beat->credit, credit_max);
+            std::set<TileKey> named;
+            for (const TileInFlight& tile : beat->in_flight)
+                named.insert(key_of(tile));
+            std::erase_if(peer.outstanding, [&](const auto& entry) {
+                return !named.contains(entry.first) && entry.second.number < beat->tiles_received;
+            });
+        } else if (const auto* rendered = std::get_if<TileRendered>(&message)) {
+            peer.outstanding.erase(key_of(*rendered));
+        } else if (const auto* failed = std::get_if<TileFailed>(&message)) {
+            peer.outstanding.erase(key_of(*failed));
+        }
+    }
+
+    void step(const broker::Event& event) {
+        std::vector<broker::Action> actions;
+        dispatcher_.step(now_, event, actions);
+        for (const auto& action : actions)
+            std::visit([this](const auto& a) { check(a); }, action);
+        said_hello_.reset();
+        FRAJA_ASSERT(dispatcher_.next_deadline() > now_ - std::chrono::nanoseconds(1));
+        const broker::Limits limits = small_limits();
+        FRAJA_ASSERT(dispatcher_.worker_count() <= limits.workers_max);
+        FRAJA_ASSERT(dispatcher_.client_count() <= limits.clients_max);
+        FRAJA_ASSERT(dispatcher_.job_count() <= limits.jobs_max + limits.finished_jobs_max + 1);
+    }
+
+    void check(const broker::Log&) {}
+
+    void check(const broker::Send& send) {
+        (void)encode(send.message); // it can be sent
+        Peer& peer = peers_[send.peer];
+        FRAJA_ASSERT(peer.spoke);
+        if (std::holds_alternative<Welcome>(send.message)) {
+            peer.welcome_as_worker = said_hello_.has_value();
+            peer.credit = said_hello_ ? said_hello_->credit : 0;
+            peer.tiles_received = 0;
+            peer.outstanding.clear();
+        } else if (const auto* tile = std::get_if<RenderTile>(&send.message)) {
+            check_order(peer, *tile);
+        } else if (const auto* state = std::get_if<JobState>(&send.message)) {
+            check_state(*state);
+        } else if (const auto* done = std::get_if<RepairDone>(&send.message)) {
+            check_state(done->state);
+        }
+    }
+
+    void check_order(Peer& peer, const RenderTile& tile) {
+        FRAJA_ASSERT(peer.welcome_as_worker);
+        FRAJA_ASSERT(peer.outstanding.size() < peer.credit);
+        FRAJA_ASSERT(validate(tile.settings) && !tile.rect.empty());
+        FRAJA_ASSERT(tile.rect.inside(tile.settings.crop));
+        const bool fresh =
+            peer.outstanding.emplace(key_of(tile), Peer::Tile{tile, peer.tiles_received++}).second;
+        FRAJA_ASSERT(fresh); // or an answer could mean either
+    }
+
+    void check(const broker::Publish& publish) {
+        (void)encode(publish.message);
+        if (const auto* tile = std::get_if<TileDone>(&publish.message)) {
+            FRAJA_ASSERT(publish.topic == job_topic(tile->job));
+            check_published(*tile);
+        } else if (const auto* state = std::get_if<JobState>(&publish.message)) {
+            FRAJA_ASSERT(publish.topic == job_topic(state->job));
+            check_state(*state);
+        } else if (const auto* farm = std::get_if<FarmState>(&publish.message)) {
+            for (const JobState& job : farm->jobs)
+                check_state(job);
+        }
+    }
+
+    /// No pixel of a pass is published twice.
+    void check_published(const TileDone& tile) {
+        WatchedJob& job = jobs_[tile.job];
+        FRAJA_ASSERT(!is_over(job.phase) && tile.rect.inside(job.settings.crop));
+        add_places(tile, job.published);
+    }
+
+    void check_state(const JobState& state) {
+        WatchedJob& job = jobs_[state.job];
+        if (state.number != job.number)
+            job = {.number = state.number,
+                   .settings = state.settings,
+                   .phase = state.phase,
+                   .done_count = 0,
+                   .published = {}};
+        FRAJA_ASSERT(state.epoch == epoch && state.settings == job.settings);
+        FRAJA_ASSERT(state.done_count >= job.done_count && state.done_count <= state.tile_count);
+        FRAJA_ASSERT(!is_over(job.phase) || state.phase == job.phase);
+        FRAJA_ASSERT(state.phase >= job.phase && state.elapsed >= Duration::zero());
+        FRAJA_ASSERT(state.phase != JobPhase::done || state.settings.limited_in_time() ||
+                     state.done_count == state.tile_count);
+        job.phase = state.phase;
+        job.done_count = state.done_count;
+    }
+
+    /// A client that asks for all of a job's tiles gets each once; of a job that is done they are
+    /// all of the picture, or of one pass.
+    void check_repair(const JobId& id) {
+        const PeerId peer = "z";
+        note_said(peer, Goodbye{});
+        std::vector<broker::Action> actions;
+        // Silence makes room for one client more.
+        dispatcher_.step(now_ = now_ + std::chrono::seconds(60), broker::Tick{}, actions);
+        dispatcher_.step(now_, broker::PeerSaid{peer, ClientHello{}}, actions);
+        Places places;
+        Bitmap have;
+        std::optional<RepairDone> done = repair(peer, id, 0, have, places);
+        if (done)
+            have = Bitmap(done->state.tile_count);
+        while (done && done->remaining_count > 0)
+            done = repair(peer, id, UINT32_MAX, have, places);
+        if (!done || done->state.phase != JobPhase::done)
+            return;
+        const PixelRect& crop = done->state.settings.crop;
+        for (std::uint32_t y = crop.y; y < crop.y + crop.height; ++y)
+            for (std::uint32_t x = crop.x; x < crop.x + crop.width; ++x)
+                FRAJA_ASSERT(places.contains({0, x, y}));
+    }
+
+    std::optional<RepairDone> repair(const PeerId& peer, const JobId& job, std::uint32_t tiles_max,
+                                     Bitmap& have, Places& places) {
+        std::vector<broker::Action> actions;
+        dispatcher_.step(now_, broker::PeerSaid{peer, Repair{job, tiles_max, have.bytes()}},
+                         actions);
+        std::optional<RepairDone> done;
+        for (const broker::Action& action : actions)
+            if (const auto* send = std::get_if<broker::Send>(&action)) {
+                if (const auto* tile = std::get_if<TileDone>(&send->message)) {
+                    have.set(static_cast<std::size_t>(tile->tile));
+                    add_places(*tile, places);
+                } else if (const auto* answer = std::get_if<RepairDone>(&send->message)) {
+                    done = *answer;
+                }
+            }
+        return done;
+    }
+
+    /// None may be there already.
+    static void add_places(const TileDone& tile, Places& places) {
+        for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
+            for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
+                FRAJA_ASSERT(places.emplace(tile.pass, x, y).second);
+    }
+
+    Input& in_;
+    broker::Dispatcher dispatcher_;
+    Instant now_{};
+    std::map<PeerId, Peer> peers_;
+    std::map<JobId, WatchedJob> jobs_;
+    std::optional<Message> last_said_;
+    std::optional<WorkerHello> said_hello_; ///< in this step
+};
+
+} // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    Input in(data, size);
+    World(in).run();
+    return 0;
+}
