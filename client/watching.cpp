@@ -36,6 +36,7 @@ void JobWatching::step(Instant now, const Event& event, std::vector<Action>& act
     case Session::Change::opened:
         if (follower_) {
             actions.push_back(OpenStream{session_.welcome().stream});
+            ask_again_ = Instant::never(); // it is asked now
             follower_->start(now, actions);
         } else {
             find(now, actions);

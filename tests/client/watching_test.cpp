@@ -55,6 +55,34 @@ TEST_CASE("a job that is not there is an answer") {
     CHECK(farm.outcome->code == ExitCode::no_such_job);
 }
 
+TEST_CASE("a watcher whose broker restarts twice in a second is not kept busy for ever") {
+    JobWatching watching({"cone", session(), {}}, Rng(1));
+    std::vector<Action> actions;
+    watching.start(Instant{}, actions);
+    const auto hear = [&](protocol::Message message) {
+        watching.step(Instant{}, FromBroker{std::move(message)}, actions);
+    };
+    protocol::Welcome welcome;
+    welcome.epoch = 1;
+    welcome.heartbeat = 1s;
+    welcome.liveness = 3;
+    hear(welcome);
+    protocol::JobState state;
+    state.epoch = 1;
+    state.phase = protocol::JobPhase::running;
+    state.tile_count = 4;
+    hear(state);
+    welcome.epoch = 2;
+    hear(welcome);
+    hear(protocol::Refused{protocol::RefusalCode::no_such_job, state.job, "no such job"});
+    welcome.epoch = 3;
+    hear(welcome);
+    const Instant due = Instant{} + 1s;
+    for (int i = 0; i < 3; ++i)
+        watching.step(due, Tick{}, actions);
+    CHECK(watching.next_deadline() > due);
+}
+
 TEST_CASE("a question is asked until it is answered") {
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
         CAPTURE(seed);
