@@ -65,6 +65,24 @@ TEST_CASE("the oldest finished jobs beyond finished_jobs_max are forgotten") {
     CHECK(farm.heard<JobState>("client"));
 }
 
+TEST_CASE("a job that comes again, forgotten, sends no worker a tile by the name of one it has") {
+    Limits limits;
+    limits.finished_jobs_max = 1;
+    Farm farm(limits);
+    farm.worker_arrives("w", 1, 1, 4);
+    for (std::uint8_t id = 1; id <= 2; ++id) {
+        farm.submit(id, 1);
+        farm.say("client", CancelJob{id_of<JobId>(id)});
+    }
+    farm.submit(1, 3);
+    const std::vector<RenderTile> tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 4); // its credit, with those that it was told to cancel
+    for (std::size_t i = 0; i < tiles.size(); ++i)
+        for (std::size_t j = 0; j < i; ++j)
+            CHECK(std::tuple(tiles[i].job, tiles[i].tile, tiles[i].attempt) !=
+                  std::tuple(tiles[j].job, tiles[j].tile, tiles[j].attempt));
+}
+
 TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else refused") {
     Limits limits;
     limits.stored_bytes_max = 4'000; // one picture of 2 tiles takes 2 x 1200 and a bit
