@@ -140,6 +140,10 @@ void fill(Input& in, T& value) {
         value.resize(in.once_in(64) ? 70 : in.below(4));
         for (auto& element : value)
             fill(in, element);
+    } else if constexpr (std::is_same_v<T, protocol::Rays>) {
+        value = {.camera = in.byte()};
+        if (in.once_in(4))
+            std::apply([&](const auto&... f) { (fill(in, value.*f.member), ...); }, T::fields());
     } else if constexpr (std::is_same_v<T, protocol::PictureSettings>) {
         value = small_picture(in);
         if (in.once_in(8)) // or any field of it anything

@@ -8,6 +8,7 @@
 #include "tests/fuzz/arbitrary.hpp"
 
 #include <algorithm>
+#include <deque>
 #include <map>
 #include <set>
 #include <tuple>
@@ -19,7 +20,7 @@ using broker::PeerId;
 
 namespace {
 
-constexpr std::uint32_t peers = 6;
+constexpr std::uint32_t workers = 4, clients = 3; ///< connections
 constexpr std::size_t events_max = 400;
 constexpr std::uint64_t pixels_max = 4'096; ///< of a job: more takes time and shows nothing new
 constexpr std::uint64_t plan_max = 2'048;   ///< tiles, of all passes
@@ -87,6 +88,8 @@ public:
         : in_(in), dispatcher_({id_of<BrokerId>(1), epoch, "tcp://*:50058"}, small_limits()) {}
 
     void run() {
+        if (!in_.once_in(4))
+            begin();
         for (std::size_t i = 0; i < events_max && !in_.empty(); ++i)
             one_event();
         for (std::uint32_t id = 1; id <= ids; ++id)
@@ -96,98 +99,144 @@ public:
 private:
     static constexpr std::uint64_t epoch = 7;
 
-    PeerId any_peer() { return std::string(1, static_cast<char>('a' + in_.below(peers))); }
+    // Any peer may say anything; but mostly the first ones are workers, the others clients.
+    PeerId worker() { return peer(0, workers); }
+    PeerId client() { return peer(workers, clients); }
+    PeerId anybody() { return peer(0, workers + clients); }
+    PeerId peer(std::uint32_t first, std::uint32_t count) {
+        if (in_.once_in(16))
+            first = 0, count = workers + clients;
+        return name_of_peer(first + in_.below(count));
+    }
+    static PeerId name_of_peer(std::uint32_t number) {
+        return std::string(1, static_cast<char>('a' + number));
+    }
 
     // ------------------------------------------------------------------------------ what happens
+
+    void begin() {
+        WorkerHello hello;
+        hello.threads = 2;
+        hello.credit = 3;
+        for (std::uint32_t i = 0; i < 2; ++i) {
+            hello.worker = id_of<WorkerId>(1 + i);
+            say(name_of_peer(i), hello);
+        }
+        say(name_of_peer(workers), ClientHello{});
+    }
 
     void one_event() {
         switch (in_.below(20)) {
         case 0:
-        case 1:
             now_ = now_ + time_step(in_);
             return step(broker::Tick{});
-        case 2:
+        case 1:
             now_ = std::max(now_, dispatcher_.next_deadline());
             return step(broker::Tick{});
+        case 2:
+            return say(worker(), hello());
         case 3:
-            return say(any_peer(), hello());
+            return say(client(), in_.once_in(4) ? Message(message_of<ClientHello>(in_))
+                                                : Message(ClientHello{}));
         case 4:
-            return say(any_peer(), message_of<ClientHello>(in_));
         case 5:
+            return submit(client());
         case 6:
-            return submit(any_peer());
         case 7:
-            return say(any_peer(), chunk());
+            return give_chunk();
         case 8:
         case 9:
         case 10:
-            return render(any_peer());
         case 11:
-            return fail(any_peer());
+            return render(worker());
         case 12:
-            return beat(any_peer());
+            return fail(worker());
         case 13:
-            return say(any_peer(), in_.below(2) ? Message(message_of<FindJob>(in_))
-                                                : Message(message_of<CancelJob>(in_)));
+            return beat(worker());
         case 14:
-            return say(any_peer(), message_of<Repair>(in_));
+            return ask(client());
         case 15:
-            return rubbish(any_peer());
+            return rubbish(anybody());
         case 16:
-            return step(broker::PeerUnreachable{any_peer()});
+            return step(broker::PeerUnreachable{anybody()});
         case 17:
             return subscriptions();
         case 18:
-            return say_again(any_peer());
+            return say_again(anybody());
         case 19:
-            return say(any_peer(), any_message(in_));
+            return say(anybody(), any_message(in_));
         }
     }
 
     /// One that is welcome, mostly.
     WorkerHello hello() {
-        auto hello = message_of<WorkerHello>(in_);
         if (in_.once_in(8))
-            return hello;
+            return message_of<WorkerHello>(in_);
+        WorkerHello hello;
+        fill(in_, hello.worker);
+        hello.incarnation = in_.below(4);
         hello.threads = 1 + in_.below(4);
         hello.credit = in_.below(6);
-        hello.worker_name.resize(std::min<std::size_t>(hello.worker_name.size(), 20));
-        hello.tags.clear();
         return hello;
     }
 
     void submit(const PeerId& peer) {
-        auto job = message_of<SubmitJob>(in_);
-        if (!in_.once_in(8)) {
-            const KnownScene& scene = any_scene(in_);
-            job.scene = scene.hash;
-            job.scene_bytes = scene.text->size();
-            job.tile_side = 4 * in_.below(4);
-            job.job_name.resize(std::min<std::size_t>(job.job_name.size(), 20));
-        }
+        if (in_.once_in(8))
+            return say(peer, message_of<SubmitJob>(in_));
+        SubmitJob job;
+        const KnownScene& scene = any_scene(in_);
+        fill(in_, job.job);
+        job.job_name = in_.below(2) ? "a" : "b";
+        job.scene = scene.hash;
+        job.scene_bytes = scene.text->size();
+        fill(in_, job.settings);
+        fill(in_, job.order);
+        job.tile_side = 4 * in_.below(4);
+        job.priority = static_cast<std::int32_t>(in_.below(3));
         say(peer, job);
     }
 
-    Message chunk() {
-        auto chunk = message_of<Chunk>(in_);
-        const KnownScene& scene = any_scene(in_);
-        if (!in_.once_in(8))
-            chunk = scene.chunks[in_.below(static_cast<std::uint32_t>(scene.chunks.size()))];
+    /// What was asked for the longest ago, from whom it was asked, mostly.
+    void give_chunk() {
+        Chunk chunk;
+        PeerId peer = client();
+        if (!needed_.empty() && !in_.once_in(8)) {
+            peer = needed_.front().first;
+            chunk = chunk_for(needed_.front().second).value_or(Chunk{});
+            needed_.pop_front();
+        }
+        if (chunk.blobs.empty())
+            chunk = message_of<Chunk>(in_);
         if (in_.once_in(8)) // the right size, and other bytes
             chunk.blobs = {make_blob(Bytes(chunk.blobs.front()->size(), std::byte{'?'}))};
-        return chunk;
+        say(peer, chunk);
+    }
+
+    void ask(const PeerId& peer) {
+        switch (in_.below(4)) {
+        case 0:
+            return say(peer, message_of<FindJob>(in_));
+        case 1:
+            return say(peer, message_of<CancelJob>(in_));
+        case 2:
+            return say(peer, message_of<Repair>(in_));
+        case 3:
+            return say(peer, Beat{});
+        }
     }
 
     void render(const PeerId& peer) {
         const Peer::Tile* tile = peers_[peer].pick(in_);
-        auto answer = message_of<TileRendered>(in_);
-        if (tile) {
-            answer = answer_to(tile->order, answer);
-            answer.blobs =
-                pixels(tile->order.rect.pixel_count() * tile->order.settings.pixel_bytes() +
-                           in_.once_in(8),
-                       in_);
+        if (!tile)
+            return say(peer, message_of<TileRendered>(in_));
+        auto answer = answer_to<TileRendered>(tile->order);
+        if (in_.once_in(4)) {
+            fill(in_, answer.rays);
+            fill(in_, answer.elapsed);
         }
+        const std::uint64_t bytes =
+            tile->order.rect.pixel_count() * tile->order.settings.pixel_bytes();
+        answer.blobs = pixels(bytes + in_.once_in(16), in_);
         say(peer, answer);
     }
 
@@ -200,11 +249,12 @@ private:
     /// With what it has, less than that, or something else.
     void beat(const PeerId& name) {
         const Peer& peer = peers_[name];
-        auto beat = message_of<WorkerBeat>(in_);
-        if (!in_.once_in(8)) {
+        WorkerBeat beat;
+        if (in_.once_in(8)) {
+            fill(in_, beat);
+        } else {
             beat.credit = in_.below(6);
             beat.tiles_received = peer.tiles_received - in_.once_in(4);
-            beat.in_flight.clear();
             for (const auto& [key, tile] : peer.outstanding)
                 if (!in_.once_in(4)) {
                     TileInFlight& named = beat.in_flight.emplace_back();
@@ -316,6 +366,8 @@ private:
             peer.outstanding.clear();
         } else if (const auto* tile = std::get_if<RenderTile>(&send.message)) {
             check_order(peer, *tile);
+        } else if (const auto* need = std::get_if<NeedChunk>(&send.message)) {
+            needed_.emplace_back(send.peer, *need);
         } else if (const auto* state = std::get_if<JobState>(&send.message)) {
             check_state(*state);
         } else if (const auto* done = std::get_if<RepairDone>(&send.message)) {
@@ -426,6 +478,7 @@ private:
     Instant now_{};
     std::map<PeerId, Peer> peers_;
     std::map<JobId, WatchedJob> jobs_;
+    std::deque<std::pair<PeerId, NeedChunk>> needed_; ///< asked, and not given
     std::optional<Message> last_said_;
     std::optional<WorkerHello> said_hello_; ///< in this step
 };

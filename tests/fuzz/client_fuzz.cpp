@@ -39,6 +39,8 @@ public:
         std::vector<client::Action> actions;
         core_->start(now_, actions);
         check(actions);
+        if (!in_.once_in(4))
+            session(welcome());
         for (std::size_t i = 0; i < events_max && !in_.empty(); ++i)
             one_event();
     }
@@ -93,7 +95,7 @@ private:
             return tick_when_due();
         case 2:
         case 3:
-            return session(message_of<Welcome>(in_));
+            return session(in_.once_in(4) ? message_of<Welcome>(in_) : welcome());
         case 4:
         case 5:
             return session(state());
@@ -122,11 +124,22 @@ private:
     void session(Message message) { step(client::FromBroker{std::move(message)}); }
     void stream(Message message) { step(client::FromStream{std::move(message)}); }
 
+    Welcome welcome() {
+        return {.broker = id_of<BrokerId>(1),
+                .epoch = 1,
+                .heartbeat = std::chrono::seconds(1),
+                .liveness = 3,
+                .stream = "tcp://*:50058",
+                .program_version = {},
+                .incarnation = 0};
+    }
+
     /// Of this job, and possible, mostly.
     JobState state() {
-        auto state = message_of<JobState>(in_);
         if (in_.once_in(8))
-            return state;
+            return message_of<JobState>(in_);
+        JobState state;
+        fill(in_, state.phase);
         copy_common(state, job_);
         state.epoch = in_.below(3);
         state.tile_count = tiles_per_pass() * pass_count(job_.settings);
@@ -143,9 +156,9 @@ private:
     }
 
     TileDone tile() {
-        auto tile = message_of<TileDone>(in_);
         if (in_.once_in(8))
-            return tile;
+            return message_of<TileDone>(in_);
+        TileDone tile;
         const std::uint32_t number = in_.below(tiles_per_pass() * pass_count(job_.settings));
         copy_common(tile, job_);
         tile.tile = static_cast<decltype(tile.tile)>(number);

@@ -41,6 +41,8 @@ public:
 
     void run() {
         step(worker::Tick{});
+        if (!in_.once_in(4))
+            hear(fitting_welcome());
         for (std::size_t i = 0; i < events_max && !in_.empty(); ++i)
             one_event();
     }
@@ -99,21 +101,28 @@ private:
         unanswered_.clear();
     }
 
-    Welcome welcome() {
-        auto welcome = message_of<Welcome>(in_);
-        if (!in_.once_in(8)) {
-            welcome.incarnation = incarnation_;
-            welcome.heartbeat = std::chrono::milliseconds(500);
-            welcome.liveness = 3;
-        }
+    [[nodiscard]] Welcome fitting_welcome() const {
+        Welcome welcome;
+        welcome.incarnation = incarnation_;
+        welcome.heartbeat = std::chrono::milliseconds(500);
+        welcome.liveness = 3;
         return welcome;
+    }
+
+    Welcome welcome() {
+        if (in_.once_in(8))
+            return message_of<Welcome>(in_);
+        return fitting_welcome();
     }
 
     /// One that can be rendered, mostly.
     RenderTile order() {
-        auto order = message_of<RenderTile>(in_);
         if (in_.once_in(8))
-            return order;
+            return message_of<RenderTile>(in_);
+        RenderTile order;
+        fill(in_, order.job);
+        fill(in_, order.tile);
+        fill(in_, order.attempt);
         const KnownScene& scene = any_scene(in_);
         order.scene = scene.hash;
         order.scene_bytes = scene.text->size();
