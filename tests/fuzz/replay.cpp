@@ -1,9 +1,9 @@
 // A fuzzer without libFuzzer: runs every file of a corpus, then mutations of them, the same every
-// time. An input that crashes is left in the working folder.
+// time. An input that crashes is left in the working folder, as decode_replay-crash.
 //
 //   decode_replay tests/fuzz/corpus/decode          and 10000 mutations
 //   decode_replay tests/fuzz/corpus/decode 100000
-//   decode_replay crash-decode                      one file alone
+//   decode_replay decode_replay-crash               one file alone
 #include "common/base/rng.hpp"
 
 #include <algorithm>
@@ -30,14 +30,15 @@ constexpr std::uint64_t mutations_default = 10'000;
 constexpr std::size_t input_bytes_max = 4'096;
 
 const Bytes* running = nullptr;
+std::string crash_file;
 
 void keep_input() {
     if (!running)
         return;
-    if (std::FILE* file = std::fopen("replay-crash", "wb")) {
+    if (std::FILE* file = std::fopen(crash_file.c_str(), "wb")) {
         std::fwrite(running->data(), 1, running->size(), file);
         std::fclose(file);
-        std::fputs("the input that crashed is in ./replay-crash\n", stderr);
+        std::fprintf(stderr, "the input that crashed is in ./%s\n", crash_file.c_str());
     }
     running = nullptr;
 }
@@ -116,6 +117,7 @@ int main(int argc, char** argv) {
         std::fprintf(stderr, "usage: %s CORPUS [MUTATIONS]\n", argv[0]);
         return 2;
     }
+    crash_file = fs::path(argv[0]).filename().string() + "-crash";
     std::signal(SIGABRT, on_abort);
     if (__sanitizer_set_death_callback)
         __sanitizer_set_death_callback(keep_input);
