@@ -17,6 +17,7 @@
 #include <spdlog/spdlog.h>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace {
 
@@ -26,6 +27,7 @@ constexpr const char* examples = R"(Examples:
   fraja-worker                                   serve the broker on this machine with every CPU
   fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
   fraja-worker -b tcp://a:50057,tcp://b:50057    serve two brokers
+  fraja-worker --emulate 16@3k --emulate 16@6k   look like 32 machines of two speeds, to try a broker
 
 Renders tiles for brokers until it is told to leave: the first TERM or INT finishes the tiles at
 hand, a second one hands them back at once. A lost broker is greeted again for ever.
@@ -41,6 +43,7 @@ enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
+    std::vector<std::string> emulate;
     std::string log_level = "info";
 };
 
@@ -65,13 +68,29 @@ void add_options(CLI::App& app, Arguments& arguments) {
         ->default_str("HOST:PID");
     app.add_option("--tag", options.tags, "K or K=V, for jobs that ask for it; repeatable")
         ->allow_extra_args(false);
+    app.add_option("--emulate", arguments.emulate,
+                   "For benchmarks: COUNT workers that answer with true pixels when a machine of "
+                   "SPEED rays per second and thread (3500, 3.5k, 2M) would, without its work; "
+                   "the first tile of a picture has all of it drawn here. One thread each, or -j "
+                   "N; repeatable")
+        ->type_name("COUNT@SPEED")
+        ->allow_extra_args(false);
     app.add_option("--log-level", arguments.log_level, "trace, debug, info, warning or error")
         ->capture_default_str()
         ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
 }
 
-/// Endpoints as sockets take them.
-Result<void> complete(worker::WorkerOptions& options) {
+/// Endpoints as sockets take them, and what is emulated.
+Result<void> complete(Arguments& arguments, bool threads_given) {
+    worker::WorkerOptions& options = arguments.options;
+    for (const std::string& text : arguments.emulate) {
+        const auto workers = worker::parse_emulated_workers(text);
+        if (!workers)
+            return workers.error();
+        options.emulated.push_back(*workers);
+    }
+    if (!options.emulated.empty() && !threads_given)
+        options.threads = 1;
     if (options.brokers.empty())
         options.brokers = {default_broker};
     for (std::string& broker : options.brokers) {
@@ -119,6 +138,18 @@ int exit_code(worker::FinishReason reason, int last_signal) {
     return Exit::done;
 }
 
+std::string opening_line(const worker::WorkerOptions& options, const std::string& isa) {
+    if (options.emulated.empty())
+        return fmt::format("'{}' serves with {} threads on {}", options.name, options.threads, isa);
+    std::string speeds;
+    for (const worker::EmulatedWorkers& e : options.emulated)
+        speeds +=
+            fmt::format("{}{} of {:g} rays/s", speeds.empty() ? "" : ", ", e.count, e.rays_per_s);
+    return fmt::format("'{}' EMULATES {} workers ({} and thread) with {} threads each: they answer "
+                       "when it is time, and do not draw (but once for all, on {})",
+                       options.name, worker::emulated_count(options), speeds, options.threads, isa);
+}
+
 /// Runs the worker in a thread of its own while this one watches the signals.
 int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals) {
     const net::Context context;
@@ -163,7 +194,7 @@ int main(int argc, char** argv) try {
         return app.exit(e) == 0 ? Exit::done : Exit::usage;
     }
     worker::WorkerOptions& options = arguments.options;
-    if (const auto completed = complete(options); !completed)
+    if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(completed.error().message);
     const auto isa = kernel::instruction_set();
     if (!isa)
@@ -175,7 +206,7 @@ int main(int argc, char** argv) try {
     options.on_log = [&](worker::LogLevel level, const std::string& text) {
         logger->log(to_spdlog(level), "{}", text);
     };
-    logger->info("'{}' serves with {} threads on {}", options.name, options.threads, *isa);
+    logger->info("{}", opening_line(options, *isa));
     return serve(options, signals);
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());

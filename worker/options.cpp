@@ -1,19 +1,63 @@
 #include "worker/options.hpp"
 
+#include "common/base/text.hpp"
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <sched.h>
 #include <unistd.h>
+#include <utility>
 
 namespace fraja::worker {
 namespace {
 
 Error invalid(std::string message) {
     return {ErrorCode::invalid_argument, std::move(message)};
+}
+
+/// "3500", "3.5k"; 0 where it is no such number.
+double parse_speed(std::string_view text) {
+    constexpr std::pair<char, double> units[] = {{'k', 1e3}, {'M', 1e6}, {'G', 1e9}};
+    double unit = 1;
+    for (const auto& [letter, factor] : units)
+        if (text.ends_with(letter)) {
+            text.remove_suffix(1);
+            unit = factor;
+            break;
+        }
+    if (text.empty() || text.find_first_not_of("0123456789.") != std::string_view::npos)
+        return 0; // nor "inf", "nan", "-1", which from_chars would read
+    double value = 0;
+    const char* end = text.data() + text.size();
+    const auto read = std::from_chars(text.data(), end, value, std::chars_format::fixed);
+    if (read.ec != std::errc{} || read.ptr != end)
+        return 0;
+    return value * unit;
+}
+
+Result<void> validate_emulated(const WorkerOptions& o) {
+    for (const EmulatedWorkers& e : o.emulated)
+        if (e.count == 0 || !(e.rays_per_s >= emulated_rays_per_s_min) ||
+            !(e.rays_per_s <= emulated_rays_per_s_max))
+            return invalid("--emulate: COUNT is at least 1, SPEED 0.001 to 1000000G");
+    if (emulated_count(o) > emulated_workers_max)
+        return invalid("--emulate: at most " + std::to_string(emulated_workers_max) +
+                       " workers in one process");
+    if (o.emulated.empty())
+        return {};
+    if (o.brokers.size() > 1)
+        return invalid("--emulate: one --broker only");
+    if (o.tags.size() + 1 > protocol::tags_max)
+        return invalid("--tag: at most " + std::to_string(protocol::tags_max - 1) +
+                       " of them with --emulate");
+    if (o.name.size() + 1 + std::to_string(emulated_count(o)).size() > protocol::name_bytes_max)
+        return invalid("--name: with /" + std::to_string(emulated_count(o)) + " at most " +
+                       std::to_string(protocol::name_bytes_max) + " bytes");
+    return {};
 }
 
 /// Of this process's control group (v2), as a container sees it.
@@ -50,7 +94,29 @@ Result<void> validate(const WorkerOptions& o) {
             return invalid("--tag '" + tag.substr(0, protocol::name_bytes_max) +
                            "': K or K=V of at most " + std::to_string(protocol::name_bytes_max) +
                            " bytes");
-    return {};
+    return validate_emulated(o);
+}
+
+Result<EmulatedWorkers> parse_emulated_workers(std::string_view text) {
+    const std::size_t at = text.find('@');
+    const auto count = parse_count(text.substr(0, at));
+    const double speed = at == std::string_view::npos ? 0 : parse_speed(text.substr(at + 1));
+    const std::string shown = "--emulate " + printable(clipped(text, 100));
+    if (!count || speed == 0)
+        return invalid(shown + ": COUNT@SPEED is needed, such as 16@3.5k: 16 workers, each thread "
+                               "of which traces 3500 rays a second");
+    if (*count == 0 || *count > emulated_workers_max)
+        return invalid(shown + ": 1 to " + std::to_string(emulated_workers_max) + " workers");
+    if (speed < emulated_rays_per_s_min || speed > emulated_rays_per_s_max)
+        return invalid(shown + ": 0.001 to 1000000G rays a second");
+    return EmulatedWorkers{static_cast<std::uint32_t>(*count), speed};
+}
+
+std::uint64_t emulated_count(const WorkerOptions& options) {
+    std::uint64_t count = 0;
+    for (const EmulatedWorkers& e : options.emulated)
+        count += e.count;
+    return count;
 }
 
 std::uint32_t usable_cpu_count() {

@@ -6,25 +6,43 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace fraja::worker {
 
 inline constexpr std::uint32_t threads_max = 2048; ///< so that the credit stays within credit_max
+inline constexpr std::uint32_t emulated_workers_max = 10'000; ///< of one process
+inline constexpr double emulated_rays_per_s_min = 1e-3, emulated_rays_per_s_max = 1e15;
 
 enum class LogLevel : std::uint8_t { debug, info, warning, error };
+
+/// Workers that answer when a machine of that speed would.
+struct EmulatedWorkers {
+    std::uint32_t count = 1;
+    double rays_per_s = 1; ///< of each thread
+    friend bool operator==(const EmulatedWorkers&, const EmulatedWorkers&) = default;
+};
 
 struct WorkerOptions {
     std::vector<std::string> brokers; ///< endpoints as sockets take them; every one is served
     std::uint32_t threads = 1;        ///< render threads, shared by all brokers
     std::string name;                 ///< for people
     std::vector<std::string> tags;    ///< `K` or `K=V`
+    /// In place of one true worker: many, each with `threads`, called NAME/1, NAME/2 ..., with the
+    /// tag `emulated`. They serve one broker.
+    std::vector<EmulatedWorkers> emulated;
     /// Called from the thread that runs the worker, for each event; empty: silence.
     std::function<void(LogLevel, const std::string&)> on_log;
 };
 
 /// Whether the options are within the limits of the wire. The error names the option.
 [[nodiscard]] Result<void> validate(const WorkerOptions& options);
+
+/// "COUNT@SPEED": how many, and rays per second and thread, "3500", "3.5k", "2M", "1G".
+[[nodiscard]] Result<EmulatedWorkers> parse_emulated_workers(std::string_view text);
+/// All of them.
+[[nodiscard]] std::uint64_t emulated_count(const WorkerOptions& options);
 
 /// CPUs this process may use: its affinity, and its control group's quota where there is one. At
 /// least 1, at most threads_max.

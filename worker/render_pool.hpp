@@ -5,7 +5,7 @@
 #include "common/base/bytes.hpp"
 #include "common/net/waker.hpp"
 #include "common/render/render.hpp"
-#include "worker/session.hpp"
+#include "worker/pool.hpp"
 
 #include <condition_variable>
 #include <cstddef>
@@ -21,36 +21,25 @@
 
 namespace fraja::worker {
 
-/// Which of a worker's sessions asks; their tickets and scenes are kept apart.
-enum class SessionIndex : std::uint32_t {};
-
-/// What render threads have done, as the event for the session that asked.
-struct PoolResult {
-    SessionIndex session{};
-    Event event; ///< SceneCompiled, SceneFailed, TileFinished or TileBroken
-};
-
-/// May be called from one thread; draws in others.
-class RenderPool {
+/// Draws in threads of its own.
+class RenderPool final : public Pool {
 public:
     /// `done` is woken whenever there are results to take; it must outlive this. At most
     /// `queue_max` deeds may wait for a thread (asserted): a tile each, and for a scene its
     /// compilation for each kernel.
     RenderPool(std::uint32_t threads, std::size_t queue_max, const net::Waker& done);
     /// Stops what runs (a scene that is being compiled first comes to its end) and joins.
-    ~RenderPool();
-    RenderPool(const RenderPool&) = delete;
-    RenderPool& operator=(const RenderPool&) = delete;
+    ~RenderPool() override;
 
-    void perform(SessionIndex session, CompileScene action);
+    void perform(SessionIndex session, CompileScene action) override;
     /// For a kernel that no tile of the scene has asked for yet, a thread compiles the scene first.
-    void perform(SessionIndex session, const StartTile& action);
-    void perform(SessionIndex session, const StopTile& action);
-    void perform(SessionIndex session, const ForgetScene& action);
+    void perform(SessionIndex session, const StartTile& action) override;
+    void perform(SessionIndex session, const StopTile& action) override;
+    void perform(SessionIndex session, const ForgetScene& action) override;
 
-    [[nodiscard]] std::vector<PoolResult> take_results();
-    /// Of the tiles that a thread is drawing now.
-    [[nodiscard]] std::vector<TileProgress> progress(SessionIndex session) const;
+    [[nodiscard]] std::vector<PoolResult> take_results() override;
+    [[nodiscard]] Instant next_deadline() const override { return Instant::never(); }
+    [[nodiscard]] std::vector<TileProgress> progress(SessionIndex session) const override;
 
 private:
     using TileKey = std::pair<SessionIndex, Ticket>;

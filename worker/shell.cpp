@@ -2,7 +2,10 @@
 
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
+#include "common/net/descriptors.hpp"
+#include "common/net/poller.hpp"
 #include "common/protocol/codec.hpp"
+#include "worker/emulation.hpp"
 #include "worker/render_pool.hpp"
 
 #include <algorithm>
@@ -10,6 +13,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -26,10 +30,14 @@ constexpr int messages_per_round = 256; ///< so that a flood does not keep the o
 /// One broker: its socket, its session, and what waits to leave.
 class Link {
 public:
+    struct Who {
+        SessionIndex index{};
+        std::string title; ///< in the log
+    };
     /// `options` and `pool` must outlive this.
-    Link(SessionIndex index, const WorkerOptions& options, net::DealerSocket socket,
-         Session session, RenderPool& pool)
-        : index_(index), options_(options), socket_(std::move(socket)),
+    Link(Who who, const WorkerOptions& options, net::DealerSocket socket, Session session,
+         Pool& pool)
+        : who_(std::move(who)), options_(options), socket_(std::move(socket)),
           session_(std::move(session)), pool_(pool) {
         socket_.set_linger(farewell_max);
     }
@@ -42,26 +50,24 @@ public:
         flush();
     }
 
-    /// Whether there may be more.
-    bool receive_some() {
+    void receive_some() {
         for (int i = 0; i < messages_per_round; ++i) {
             const auto frames = socket_.receive();
             if (!frames)
-                return false;
+                return;
             auto message = protocol::decode(*frames);
             if (message)
                 step(Received{std::move(*message)});
             else
                 step(Undecodable{message.error()});
         }
-        return true;
     }
 
     void keep_time(Instant now) {
         if (now >= resend_at_)
             flush();
         if (now >= session_.next_deadline())
-            step(Tick{pool_.progress(index_)});
+            step(Tick{pool_.progress(who_.index)});
     }
 
     [[nodiscard]] Instant next_deadline() const {
@@ -81,15 +87,15 @@ private:
             outbox_.clear();
         outbox_.push_back(protocol::encode(action.message));
     }
-    void perform(CompileScene action) { pool_.perform(index_, std::move(action)); }
-    void perform(StartTile action) { pool_.perform(index_, action); }
-    void perform(StopTile action) { pool_.perform(index_, action); }
-    void perform(ForgetScene action) { pool_.perform(index_, action); }
+    void perform(CompileScene action) { pool_.perform(who_.index, std::move(action)); }
+    void perform(StartTile action) { pool_.perform(who_.index, action); }
+    void perform(StopTile action) { pool_.perform(who_.index, action); }
+    void perform(ForgetScene action) { pool_.perform(who_.index, action); }
     void perform(const Log& action) {
         if (options_.on_log)
-            options_.on_log(action.level,
-                            printable(options_.brokers[static_cast<std::size_t>(index_)] + ": " +
-                                      action.text)); // a broker's own words may be in it
+            options_.on_log(
+                action.level,
+                printable(who_.title + ": " + action.text)); // a broker's own words may be in it
     }
     void perform(Finished action) {
         finished_ = action.reason;
@@ -112,11 +118,11 @@ private:
         resend_at_ = outbox_.empty() ? Instant::never() : net::now() + resend_pause_;
     }
 
-    SessionIndex index_;
+    Who who_;
     const WorkerOptions& options_;
     net::DealerSocket socket_;
     Session session_;
-    RenderPool& pool_;
+    Pool& pool_;
     std::vector<Action> actions_;
     std::deque<protocol::Packet> outbox_;
     Instant resend_at_ = Instant::never();
@@ -128,100 +134,165 @@ private:
 /// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf for
 /// every kernel.
 std::size_t queue_max(const WorkerOptions& options, const Limits& limits) {
+    const std::size_t sessions =
+        options.emulated.empty() ? options.brokers.size() : emulated_count(options);
     const std::size_t tiles = credit_for(options.threads, limits);
     const std::size_t scenes = tiles + limits.shelf.idle_count_max;
-    return options.brokers.size() *
-           (tiles + scenes * protocol::ValueCount<protocol::KernelChoice>::value);
+    return sessions * (tiles + scenes * protocol::ValueCount<protocol::KernelChoice>::value);
+}
+
+std::unique_ptr<Pool> make_pool(const WorkerOptions& options, const Limits& limits,
+                                const net::Waker& done) {
+    if (options.emulated.empty())
+        return std::make_unique<RenderPool>(options.threads, queue_max(options, limits), done);
+    std::vector<double> speeds;
+    for (const EmulatedWorkers& workers : options.emulated)
+        speeds.insert(speeds.end(), workers.count, workers.rays_per_s);
+    return std::make_unique<EmulatedPool>(
+        EmulatedPool::Options{.speeds = std::move(speeds),
+                              .threads = options.threads,
+                              .render_threads = usable_cpu_count(),
+                              .queue_max = queue_max(options, limits)},
+        done);
 }
 
 class Shell {
 public:
     Shell(const WorkerOptions& options, Control& control, const Limits& limits)
         : options_(options), control_(control), limits_(limits),
-          pool_(options.threads, queue_max(options, limits), pool_waker_) {}
+          pool_(make_pool(options, limits, pool_waker_)) {
+        poller_.add(pool_waker_.fd());
+        poller_.add(control_.waker().fd());
+    }
 
     Result<void> connect(const net::Context& context) {
-        for (const std::string& endpoint : options_.brokers) {
-            auto socket = net::DealerSocket::connect(context, endpoint);
-            if (!socket)
-                return socket.error();
-            // An id for each session: two endpoints may turn out to be one broker, where one worker
-            // would push itself out for ever.
-            Identity identity{random_id<WorkerId>(), options_.name, options_.threads,
-                              options_.tags};
-            links_.push_back(std::make_unique<Link>(
-                SessionIndex(static_cast<std::uint32_t>(links_.size())), options_,
-                std::move(*socket), Session(std::move(identity), limits_), pool_));
+        if (auto reserved =
+                net::reserve_descriptors(options_.brokers.size() + emulated_count(options_));
+            !reserved)
+            return reserved.error();
+        // An id for each session: two endpoints may turn out to be one broker, where one worker
+        // would push itself out for ever.
+        if (options_.emulated.empty()) {
+            for (const std::string& broker : options_.brokers)
+                if (auto added = add_link(context, broker, broker, own_identity()); !added)
+                    return added;
+            return {};
+        }
+        const std::string& broker = options_.brokers.front();
+        for (std::uint64_t i = 1; i <= emulated_count(options_); ++i) {
+            Identity identity = own_identity();
+            identity.name += "/" + std::to_string(i);
+            identity.tags.emplace_back("emulated");
+            const std::string title = broker + ": " + identity.name;
+            if (auto added = add_link(context, broker, title, std::move(identity)); !added)
+                return added;
         }
         return {};
     }
 
     FinishReason run() {
-        bool hurry = false;
-        while (!clear_away()) {
-            wait(hurry ? Duration::zero() : next_deadline() - net::now());
+        while (open_count_ > 0) {
+            const Instant deadline = std::min(deadlines_.begin()->first, pool_->next_deadline());
+            for (const std::size_t index : poller_.wait(deadline - net::now()))
+                with_link(index, [](Link& link) { link.receive_some(); });
             obey();
-            hurry = false;
-            for_each_link([&](Link& link) { hurry = link.receive_some() || hurry; });
             hand_out_results();
-            for_each_link([now = net::now()](Link& link) { link.keep_time(now); });
+            keep_time();
         }
         return reason_;
     }
 
 private:
+    [[nodiscard]] Identity own_identity() const {
+        return {random_id<WorkerId>(), options_.name, options_.threads, options_.tags};
+    }
+
+    Result<void> add_link(const net::Context& context, const std::string& endpoint,
+                          std::string title, Identity identity) {
+        auto socket = net::DealerSocket::connect(context, endpoint);
+        if (!socket)
+            return socket.error();
+        const std::size_t index = links_.size();
+        links_.push_back(std::make_unique<Link>(
+            Link::Who{SessionIndex(static_cast<std::uint32_t>(index)), std::move(title)}, options_,
+            std::move(*socket), Session(std::move(identity), limits_), *pool_));
+        poller_.add(index, links_.back()->socket());
+        noted_.push_back(links_.back()->next_deadline());
+        deadlines_.emplace(noted_.back(), index);
+        ++open_count_;
+        return {};
+    }
+
+    /// All that is done with a link goes through here: its deadline is noted, its socket looked at
+    /// again, and when it is over it goes.
     template <class F>
-    void for_each_link(F deed) {
-        for (const std::unique_ptr<Link>& link : links_)
-            if (link)
-                deed(*link);
+    void with_link(std::size_t index, F deed) {
+        std::unique_ptr<Link>& link = links_[index];
+        if (!link)
+            return;
+        deed(*link);
+        poller_.look_again(index);
+        const Instant deadline = link->next_deadline();
+        if (deadline != noted_[index]) {
+            deadlines_.erase({noted_[index], index});
+            deadlines_.emplace(deadline, index);
+            noted_[index] = deadline;
+        }
+        if (link->over(net::now()))
+            let_go(index);
     }
 
-    void wait(Duration timeout) {
-        std::vector<net::Waitable> waitables{pool_waker_.fd(), control_.waker().fd()};
-        for_each_link([&](Link& link) { waitables.emplace_back(link.socket()); });
-        net::wait(waitables, std::max(timeout, Duration::zero()));
+    void let_go(std::size_t index) {
+        reason_ = *links_[index]->finished();
+        deadlines_.erase({noted_[index], index});
+        poller_.remove(index);
+        links_[index].reset();
+        --open_count_;
     }
 
-    Instant next_deadline() {
-        Instant deadline = Instant::never();
-        for_each_link([&](Link& link) { deadline = std::min(deadline, link.next_deadline()); });
-        return deadline;
+    void for_each_link(const Event& event) {
+        for (std::size_t index = 0; index < links_.size(); ++index)
+            with_link(index, [&](Link& link) { link.step(event); });
     }
 
     /// Passes on what `control_` asks, each once.
     void obey() {
         control_.waker().drain();
         if (control_.drain_asked() && !std::exchange(draining_, true))
-            for_each_link([](Link& link) { link.step(Drain{}); });
+            for_each_link(Drain{});
         if (control_.stop_asked() && !std::exchange(stopping_, true))
-            for_each_link([](Link& link) { link.step(StopNow{}); });
+            for_each_link(StopNow{});
     }
 
     void hand_out_results() {
         pool_waker_.drain();
-        for (const PoolResult& result : pool_.take_results())
-            if (Link* link = links_[static_cast<std::size_t>(result.session)].get())
-                link->step(result.event);
+        for (const PoolResult& result : pool_->take_results())
+            with_link(static_cast<std::size_t>(result.session),
+                      [&](Link& link) { link.step(result.event); });
     }
 
-    /// Lets go of sessions that are over; whether none is left.
-    bool clear_away() {
+    void keep_time() {
         const Instant now = net::now();
-        for (std::unique_ptr<Link>& link : links_)
-            if (link && link->over(now)) {
-                reason_ = *link->finished();
-                link.reset();
-            }
-        return std::ranges::none_of(links_, [](const auto& link) { return link != nullptr; });
+        std::vector<std::size_t> due;
+        for (auto at = deadlines_.begin(); at != deadlines_.end() && at->first <= now; ++at)
+            due.push_back(at->second);
+        for (const std::size_t index : due)
+            with_link(index, [now](Link& link) {
+                link.receive_some(); // what has arrived is heard before silence is judged
+                link.keep_time(now);
+            });
     }
 
     const WorkerOptions& options_;
     Control& control_;
     const Limits limits_;
     net::Waker pool_waker_;
-    RenderPool pool_;
+    std::unique_ptr<Pool> pool_;
+    net::Poller poller_;
     std::vector<std::unique_ptr<Link>> links_; // at SessionIndex; null when over
+    std::size_t open_count_ = 0;
+    std::vector<Instant> noted_; // of each link its deadline, as it is among these:
+    std::set<std::pair<Instant, std::size_t>> deadlines_;
     bool draining_ = false, stopping_ = false;
     FinishReason reason_{};
 };

@@ -35,12 +35,14 @@ private:
     net::Waker waker_;
 };
 
-/// Serves every broker of the options, one session each over the same render threads, until
+/// Serves every broker of the options, one session each over the same render threads (or one broker
+/// with a session for each emulated worker), until
 /// `control` says otherwise or all of them speak another protocol version. A lost broker is greeted
 /// again for ever. Blocks, and knows no signals.
 ///
 /// The value is why the last session ended. Errors, before anything has been sent:
-/// invalid_argument for the options, invalid_argument or io for an endpoint.
+/// invalid_argument for the options, invalid_argument or io for an endpoint, limit_exceeded where
+/// this process may not have as many sockets.
 [[nodiscard]] Result<FinishReason> run_worker(const net::Context& context,
                                               const WorkerOptions& options, Control& control,
                                               const Limits& limits = {});

@@ -200,6 +200,19 @@ Socket::~Socket() = default;
 void* Socket::handle() const {
     return impl_->socket.handle();
 }
+int Socket::event_fd() const {
+    return impl_->socket.get(zmq::sockopt::fd);
+}
+bool Socket::readable() const {
+    for (;;) {
+        try {
+            return (impl_->socket.get(zmq::sockopt::events) & ZMQ_POLLIN) != 0;
+        } catch (const zmq::error_t& e) {
+            if (e.num() != EINTR)
+                throw;
+        }
+    }
+}
 
 // ----------------------------------------------------------------------------------------- ROUTER
 

@@ -57,6 +57,10 @@ public:
     Socket& operator=(Socket&&) noexcept;
     ~Socket();
     [[nodiscard]] void* handle() const; ///< for `wait`
+    // For Poller.
+    /// Becomes readable when `readable` may have become true, unless a call has found that already.
+    [[nodiscard]] int event_fd() const;
+    [[nodiscard]] bool readable() const;
 
 protected:
     explicit Socket(std::unique_ptr<SocketImpl> impl);

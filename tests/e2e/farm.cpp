@@ -89,6 +89,22 @@ Process& Farm::add_worker(const std::string& name, Words options, Words env) {
     return workers_.back();
 }
 
+Process& Farm::add_emulated(const std::string& name, std::size_t count, const Words& options) {
+    workers_.push_back(
+        start(with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options)));
+    std::size_t missing = count;
+    const auto all_here = broker_.wait_for_line(
+        Process::Stream::err,
+        [&](std::string_view l) {
+            return l.find("worker " + name + "/") != std::string_view::npos &&
+                   l.find(" is here: ") != std::string_view::npos && --missing == 0;
+        },
+        patience);
+    INFO(workers_.back().story());
+    REQUIRE(all_here.has_value());
+    return workers_.back();
+}
+
 RunResult Farm::submit(Words arguments) {
     return e2e::submit(with({"-b", endpoint_}, arguments));
 }

@@ -78,6 +78,9 @@ public:
 
     /// Starts a worker and waits until the broker has welcomed it.
     Process& add_worker(const std::string& name, Words options = {"-j", "1"}, Words env = {});
+    /// Starts a process that emulates as many workers as `options` say: NAME/1 to NAME/COUNT. Waits
+    /// until the broker has welcomed them all.
+    Process& add_emulated(const std::string& name, std::size_t count, const Words& options);
     [[nodiscard]] Process& worker(std::size_t i) { return workers_.at(i); }
     [[nodiscard]] Process& broker() { return broker_; }
     [[nodiscard]] const std::string& endpoint() const { return endpoint_; }

@@ -1,13 +1,19 @@
 #include "worker/options.hpp"
 
 #include <doctest/doctest.h>
+#include <optional>
+#include <string>
 
 using namespace fraja;
 using namespace fraja::worker;
 
 TEST_CASE("options are checked before anything is sent") {
-    const WorkerOptions good{
-        .brokers = {"tcp://h:1"}, .threads = 2, .name = "n", .tags = {"a", "b=c"}, .on_log = {}};
+    const WorkerOptions good{.brokers = {"tcp://h:1"},
+                             .threads = 2,
+                             .name = "n",
+                             .tags = {"a", "b=c"},
+                             .emulated = {{3, 1e3}},
+                             .on_log = {}};
     CHECK(validate(good).has_value());
     struct Row {
         const char* option;
@@ -21,6 +27,22 @@ TEST_CASE("options are checked before anything is sent") {
           Row{"--name", [](WorkerOptions& o) { o.name = std::string(201, 'x'); }},
           Row{"--tag", [](WorkerOptions& o) { o.tags = std::vector<std::string>(65, "x"); }},
           Row{"--tag '=v'", [](WorkerOptions& o) { o.tags = {"=v"}; }},
+          Row{"--emulate: COUNT",
+              [](WorkerOptions& o) {
+                  o.emulated = {{0, 1e3}};
+              }},
+          Row{"--emulate: COUNT",
+              [](WorkerOptions& o) {
+                  o.emulated = {{1, 0}};
+              }},
+          Row{"--emulate: at most 10000",
+              [](WorkerOptions& o) {
+                  o.emulated = {{9000, 1}, {9000, 1}};
+              }},
+          Row{"--emulate: one", [](WorkerOptions& o) { o.brokers.push_back("tcp://h:2"); }},
+          Row{"--name: with /3", [](WorkerOptions& o) { o.name = std::string(199, 'x'); }},
+          Row{"--tag: at most 63",
+              [](WorkerOptions& o) { o.tags = std::vector<std::string>(64, "x"); }},
           Row{"--tag ''", [](WorkerOptions& o) { o.tags = {""}; }}}) {
         CAPTURE(row.option);
         WorkerOptions options = good;
@@ -36,7 +58,50 @@ TEST_CASE("the defaults are valid options") {
                                 .threads = usable_cpu_count(),
                                 .name = default_worker_name(),
                                 .tags = {},
+                                .emulated = {},
                                 .on_log = {}};
     CHECK(validate(options).has_value());
     CHECK(default_worker_name().find(':') != std::string::npos);
+}
+
+TEST_CASE("parse_emulated_workers takes COUNT@SPEED and nothing else") {
+    struct Row {
+        const char* text;
+        std::optional<EmulatedWorkers> want;
+    };
+    for (const Row& row : {Row{"16@3k", EmulatedWorkers{16, 3000}},
+                           Row{"1@8791.5", EmulatedWorkers{1, 8791.5}},
+                           Row{"10000@2.5M", EmulatedWorkers{10'000, 2.5e6}},
+                           Row{"2@1G", EmulatedWorkers{2, 1e9}},
+                           Row{"1@.5", EmulatedWorkers{1, .5}},
+                           Row{"", {}},
+                           Row{"16", {}},
+                           Row{"@3k", {}},
+                           Row{"16@", {}},
+                           Row{"16@k", {}},
+                           Row{"0@3k", {}},
+                           Row{"10001@3k", {}},
+                           Row{"16@0", {}},
+                           Row{"16@-3", {}},
+                           Row{"-1@3", {}},
+                           Row{"16@3kk", {}},
+                           Row{"16@3K", {}},
+                           Row{"16@nan", {}},
+                           Row{"16@inf", {}},
+                           Row{"16@1e3", {}},
+                           Row{"16@1.2.3", {}},
+                           Row{"16 @3k", {}},
+                           Row{"16@ 3k", {}},
+                           Row{"16@3@3", {}},
+                           Row{"1@1000001G", {}},
+                           Row{"1@0.0001", {}},
+                           Row{"99999999999999999999@1", {}}}) {
+        CAPTURE(row.text);
+        const auto got = parse_emulated_workers(row.text);
+        CHECK(got.has_value() == row.want.has_value());
+        if (got)
+            CHECK(*got == *row.want);
+        else
+            CHECK(got.error().message.starts_with("--emulate "));
+    }
 }

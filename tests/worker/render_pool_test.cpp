@@ -30,7 +30,7 @@ Bytes scene_text(const std::string& name) {
     return to_bytes(std::string(std::istreambuf_iterator<char>(file), {}));
 }
 
-struct Pool {
+struct Bench {
     net::Waker waker;
     RenderPool pool{2, 16, waker};
 
@@ -117,7 +117,7 @@ TEST_CASE("the pool draws what the kernel draws that a tile asks for, whichever 
     CHECK(fast.rays.box_tests + fast.rays.form_tests > 0);
     CHECK(reference.rays.form_tests == 0);
     for (const KernelChoice first : {KernelChoice::reference, KernelChoice::fast}) {
-        Pool bench;
+        Bench bench;
         const ContentHash hash = bench.compile(text, first);
         CHECK(bench.next_as<SceneCompiled>().scene == hash);
         for (const KernelChoice kernel : {KernelChoice::reference, KernelChoice::fast}) {
@@ -140,7 +140,7 @@ TEST_CASE("the pool draws what the kernel draws that a tile asks for, whichever 
 
 TEST_CASE("tiles that wait for another kernel are drawn in the end, unless they are stopped") {
     const Bytes text = scene_text("cone.raj");
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(text, KernelChoice::reference);
     (void)bench.next_as<SceneCompiled>();
     for (const std::uint64_t ticket : {1u, 2u, 3u, 4u, 5u, 6u})
@@ -161,7 +161,7 @@ TEST_CASE("tiles that wait for another kernel are drawn in the end, unless they 
 }
 
 TEST_CASE("a scene that cannot be read says where and why") {
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(to_bytes("raja.renderer.Scene {\n  sun = 1\n}"));
     const auto failed = bench.next_as<SceneFailed>();
     CHECK(failed.scene == hash);
@@ -170,13 +170,13 @@ TEST_CASE("a scene that cannot be read says where and why") {
 }
 
 TEST_CASE("bytes that are not those of the hash are not read") {
-    Pool bench;
+    Bench bench;
     bench.pool.perform(session, CompileScene{ContentHash{}, {make_blob(to_bytes("anything"))}});
     CHECK(bench.next_as<SceneFailed>().error.code == ErrorCode::malformed_frame);
 }
 
 TEST_CASE("a tile that runs is stopped quickly, and one that waits never runs") {
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(scene_text("tumbler.raj"));
     (void)bench.next_as<SceneCompiled>();
     StartTile long_tile = whole_picture(Ticket{0}, hash, {1024, 1024});
@@ -199,7 +199,7 @@ TEST_CASE("a tile that runs is stopped quickly, and one that waits never runs") 
 }
 
 TEST_CASE("a pool with work at hand is destroyed without waiting for it") {
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(scene_text("tumbler.raj"));
     (void)bench.next_as<SceneCompiled>();
     StartTile long_tile = whole_picture(Ticket{0}, hash, {1024, 1024});
@@ -211,7 +211,7 @@ TEST_CASE("a pool with work at hand is destroyed without waiting for it") {
 }
 
 TEST_CASE("an overlap without a priority is the renderer's error, passed on") {
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(scene_text("overlap_without_priority.raj"));
     (void)bench.next_as<SceneCompiled>();
     bench.pool.perform(session, whole_picture(Ticket{1}, hash, {64, 48}));
@@ -219,7 +219,7 @@ TEST_CASE("an overlap without a priority is the renderer's error, passed on") {
 }
 
 TEST_CASE("a scene that is forgotten lives as long as its tiles") {
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(scene_text("cone.raj"));
     (void)bench.next_as<SceneCompiled>();
     bench.pool.perform(session, whole_picture(Ticket{1}, hash, {8, 6}));
@@ -262,7 +262,7 @@ TEST_CASE("samples and errors travel behind the colours") {
 
 TEST_CASE("the pool draws with the samples that a tile's settings ask for") {
     const Bytes text = scene_text("cone.raj");
-    Pool bench;
+    Bench bench;
     const ContentHash hash = bench.compile(text);
     (void)bench.next_as<SceneCompiled>();
     StartTile start = whole_picture(Ticket{1}, hash, {16, 12});

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <iterator>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 
@@ -78,11 +79,13 @@ private:
 /// A worker in a thread, as --local hosts one.
 class HostedWorker {
 public:
-    HostedWorker(const net::Context& context, std::vector<std::string> brokers)
+    HostedWorker(const net::Context& context, std::vector<std::string> brokers,
+                 std::vector<EmulatedWorkers> emulated = {})
         : options_{.brokers = std::move(brokers),
                    .threads = 2,
                    .name = "hosted",
                    .tags = {},
+                   .emulated = std::move(emulated),
                    .on_log = {}},
           thread_([&] { outcome_ = run_worker(context, options_, control); }) {}
     ~HostedWorker() { control.stop_now(); }
@@ -232,6 +235,26 @@ TEST_CASE("a worker of another version gives up") {
     foreign.header[4] = std::byte{99};
     broker.send(foreign);
     CHECK(worker.join() == FinishReason::version_mismatch);
+}
+
+TEST_CASE("emulated workers are sessions of their own over one socket thread") {
+    const net::Context context;
+    FakeBroker broker(context, "tcp://127.0.0.1:*");
+    HostedWorker worker(context, {broker.endpoint()}, {{2, 1e6}, {1, 2e6}});
+    const Bytes scene = scene_text("cone.raj");
+    std::set<std::string> names;
+    std::set<WorkerId> ids;
+    for (int i = 0; i < 3; ++i) {
+        const auto hello = broker.expect<WorkerHello>();
+        names.insert(hello.worker_name);
+        ids.insert(hello.worker);
+        CHECK(hello.threads == 2);
+        CHECK(hello.tags == std::vector<std::string>{"emulated"});
+    }
+    CHECK(names == std::set<std::string>{"hosted/1", "hosted/2", "hosted/3"});
+    CHECK(ids.size() == 3);
+    worker.control.drain();
+    CHECK(worker.join() == FinishReason::drained);
 }
 
 TEST_CASE("options that make no sense are refused before anything starts") {

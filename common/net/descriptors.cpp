@@ -1,0 +1,29 @@
+#include "common/net/descriptors.hpp"
+
+#include <string>
+#include <sys/resource.h>
+
+namespace fraja::net {
+namespace {
+
+constexpr rlim_t per_socket = 2; ///< its mailbox and its connection
+constexpr rlim_t others = 100;   ///< ZeroMQ's own, log, libraries, wakers
+
+} // namespace
+
+Result<void> reserve_descriptors(std::size_t sockets) {
+    const rlim_t needed = sockets * per_socket + others;
+    rlimit limit{};
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= needed)
+        return {};
+    const rlim_t hard = limit.rlim_max;
+    limit.rlim_cur = needed;
+    if (needed <= hard && setrlimit(RLIMIT_NOFILE, &limit) == 0)
+        return {};
+    return Error{ErrorCode::limit_exceeded, std::to_string(sockets) + " sockets need " +
+                                                std::to_string(needed) +
+                                                " file descriptors, and this process may have " +
+                                                std::to_string(hard) + " (ulimit -Hn)"};
+}
+
+} // namespace fraja::net
