@@ -1,5 +1,5 @@
 """What the benchmarks' scripts share."""
-import os, subprocess, sys
+import os, subprocess, sys, time
 
 def build_target(target):
     """Goes to the project's root and builds it there."""
@@ -38,6 +38,7 @@ def user_seconds(command, folder, env=None):
 class Farm:
     """A broker and workers of one thread each, on ports that the system picks."""
     def __init__(self, programs, workers, folder):
+        self.programs = programs
         self.log = open(os.path.join(folder, 'farm.log'), 'w')
         self.processes = [subprocess.Popen([programs + '/fraja-broker', '--bind', 'tcp://127.0.0.1:0', '--publish', 'tcp://127.0.0.1:0',
                                             '--state', 'none'], stdout=subprocess.PIPE, stderr=self.log, text=True)]
@@ -48,11 +49,22 @@ class Farm:
         for i in range(workers):
             self.processes.append(subprocess.Popen([programs + '/fraja-worker', '-b', self.broker, '-j', '1', '--name', 'worker-%d' % i],
                                                    stdout=self.log, stderr=self.log))
+    def emulate(self, groups, count):
+        """Adds one process that emulates so many workers, each group as COUNT@SPEED, and waits until all are here."""
+        options = [word for group in groups for word in ('--emulate', group)]
+        self.processes.append(subprocess.Popen([self.programs + '/fraja-worker', '-b', self.broker, '--name', 'emulated', *options],
+                                               stdout=self.log, stderr=self.log))
+        end = time.monotonic() + 60
+        while open(self.log.name).read().count(' is here: ') < count:
+            if time.monotonic() > end:
+                sys.exit('the workers did not come')
+            time.sleep(.05)
     def __enter__(self):
         return self
     def __exit__(self, *_):
-        for process in reversed(self.processes):
-            process.terminate()
-        for process in self.processes:
-            process.wait()
+        for processes in (self.processes[1:], self.processes[:1]): # workers say goodbye to a broker that is there
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.wait()
         self.log.close()
