@@ -3,7 +3,9 @@
 #include "common/base/assert.hpp"
 
 #include <algorithm>
+#include <new>
 #include <string>
+#include <utility>
 #include <variant>
 
 namespace fraja::worker {
@@ -162,7 +164,11 @@ Result<EmulatedPool::PicturePtr> EmulatedPool::add_picture(const StartTile& tile
                                    .pixel_bytes = tile.settings.pixel_bytes()};
     if (auto room = make_room(shape.memory_bytes()); !room)
         return room.error();
-    pictures_.push_front(std::make_shared<Picture>(tile, shape));
+    try {
+        pictures_.push_front(std::make_shared<Picture>(tile, shape));
+    } catch (const std::bad_alloc&) {
+        return Error{ErrorCode::io, "out of memory"};
+    }
     pictures_bytes_ += shape.memory_bytes();
     being_drawn_.push_back(pictures_.front());
     return pictures_.front();

@@ -49,7 +49,7 @@ public:
 
     void perform(SessionIndex session, CompileScene action) override;
     /// Errors of TileBroken: as of RenderPool for any unit of the picture; io when the picture does
-    /// not fit into the limit.
+    /// not fit into the limit or the memory.
     void perform(SessionIndex session, const StartTile& action) override;
     void perform(SessionIndex session, const StopTile& action) override;
     void perform(SessionIndex session, const ForgetScene& action) override;

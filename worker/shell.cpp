@@ -131,14 +131,17 @@ private:
     Instant finished_at_{};
 };
 
+std::size_t session_count(const WorkerOptions& options) {
+    return options.emulated.empty() ? options.brokers.size() : emulated_count(options);
+}
+
 /// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf for
 /// every kernel.
 std::size_t queue_max(const WorkerOptions& options, const Limits& limits) {
-    const std::size_t sessions =
-        options.emulated.empty() ? options.brokers.size() : emulated_count(options);
     const std::size_t tiles = credit_for(options.threads, limits);
     const std::size_t scenes = tiles + limits.shelf.idle_count_max;
-    return sessions * (tiles + scenes * protocol::ValueCount<protocol::KernelChoice>::value);
+    return session_count(options) *
+           (tiles + scenes * protocol::ValueCount<protocol::KernelChoice>::value);
 }
 
 std::unique_ptr<Pool> make_pool(const WorkerOptions& options, const Limits& limits,
@@ -166,9 +169,7 @@ public:
     }
 
     Result<void> connect(const net::Context& context) {
-        if (auto reserved =
-                net::reserve_descriptors(options_.brokers.size() + emulated_count(options_));
-            !reserved)
+        if (auto reserved = net::reserve_descriptors(session_count(options_)); !reserved)
             return reserved.error();
         // An id for each session: two endpoints may turn out to be one broker, where one worker
         // would push itself out for ever.
