@@ -190,7 +190,7 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
     job.probe = Job::Probe::in_flight;
     const auto squares = static_cast<double>(probe_squares(s.settings.crop, side));
     send_grant(peer, worker, job, Grant{.id = OpenTileId::none, .tile = {}, .work = squares},
-               job.next_attempt(), side);
+               AttemptNumber{attempts_ + 1}, side);
     return true;
 }
 
@@ -214,15 +214,16 @@ double Dispatcher::tile_time_min_s() const {
 }
 
 bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job) {
+    const AttemptNumber attempt{attempts_ + 1};
     const auto handed = job.assign_next({.worker = worker.hello.worker,
                                          .peer = peer,
                                          .work_wanted = work_wanted(worker, job),
-                                         .workers_with_credit = workers_with_credit_});
+                                         .workers_with_credit = workers_with_credit_,
+                                         .attempt = attempt});
     if (!handed)
         return false;
     send_grant(peer, worker, job,
-               Grant{.id = handed->id, .tile = handed->tile, .work = handed->work}, handed->attempt,
-               0);
+               Grant{.id = handed->id, .tile = handed->tile, .work = handed->work}, attempt, 0);
     if (job.phase == JobPhase::queued) {
         job.phase = JobPhase::running;
         publish_state(job);
@@ -233,6 +234,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
 void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
                             AttemptNumber attempt, std::uint32_t probe_side) {
     FRAJA_ASSERT(worker.grants.size() < worker.room());
+    attempts_ = static_cast<std::uint32_t>(attempt);
     const TileIndex tile = probe_side > 0 ? TileIndex{} : job.index(grant.tile);
     const auto started = static_cast<std::size_t>(std::ranges::count_if(
         worker.grants, [](const auto& other) { return other.second.started_at.has_value(); }));

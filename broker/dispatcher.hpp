@@ -250,6 +250,7 @@ private:
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0
     double capacity_ = 0;                 ///< of these: work in a second
     Speed speed_;                         ///< of a thread, of all that was ever here
+    std::uint32_t attempts_ = 0;          ///< RenderTiles ever sent
     std::vector<PeerId> changed_workers_; ///< have more room, or other work, than a step ago
 
     std::map<JobId, Job> jobs_;

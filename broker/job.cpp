@@ -193,10 +193,6 @@ bool Job::has_pending() const {
     return !requeued_.empty() || fresh_ < fresh_end_ || !pending_.empty();
 }
 
-AttemptNumber Job::next_attempt() {
-    return AttemptNumber(++attempts_);
-}
-
 OpenTileId Job::next_fixed() {
     while (fresh_ < fresh_end_) {
         const auto pass = static_cast<std::uint32_t>(fresh_ / grid_.count());
@@ -271,11 +267,11 @@ std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
         id = cut(id, bidder.work_wanted);
     OpenTile& tile = open_.at(id);
     tile.was_assigned = true;
-    tile.assignment = Assignment{bidder.peer, next_attempt()};
+    tile.assignment = Assignment{bidder.peer, bidder.attempt};
     ++in_flight_count_;
     work_in_flight_ += tile.work;
     ++workers_[bidder.peer];
-    return Handed{id, tile.tile, tile.assignment->attempt, tile.work};
+    return Handed{id, tile.tile, tile.work};
 }
 
 bool Job::assigned_as(OpenTileId id, AttemptNumber attempt) const {

@@ -86,19 +86,17 @@ public:
         double work_wanted = 0;
         /// A tile that failed on this worker is left to others while there are any.
         std::size_t workers_with_credit = 1;
+        AttemptNumber attempt{}; ///< under which it is handed out; never used before
     };
     struct Handed {
         OpenTileId id{};
         Tile tile;
-        AttemptNumber attempt{};
         double work = 0; ///< that it is thought to be
     };
     /// Takes the next pending tile for that worker and assigns it. Nothing when there is none for
     /// it.
     [[nodiscard]] std::optional<Handed> assign_next(const Bidder& bidder);
     [[nodiscard]] bool has_pending() const;
-    /// A number for what is sent to a worker: never used twice.
-    [[nodiscard]] AttemptNumber next_attempt();
     [[nodiscard]] std::size_t in_flight_count() const { return in_flight_count_; }
     /// Work of the tiles in flight.
     [[nodiscard]] double work_in_flight() const { return std::max(0.0, work_in_flight_); }
@@ -260,7 +258,6 @@ private:
     std::size_t in_flight_count_ = 0;
     double work_in_flight_ = 0;
     std::map<PeerId, std::uint32_t> workers_;
-    std::uint32_t attempts_ = 0;
     bool overlapping_ = false; ///< tiles have been open that share cells
     bool dealt_out_ = false, stealing_ = false;
 

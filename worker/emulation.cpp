@@ -1,6 +1,7 @@
 #include "worker/emulation.hpp"
 
 #include "common/base/assert.hpp"
+#include "common/protocol/probe.hpp"
 
 #include <algorithm>
 #include <new>
@@ -12,26 +13,30 @@ namespace fraja::worker {
 namespace {
 
 constexpr SessionIndex painted{0}; // the painter has one session
-constexpr std::uint32_t whole_units = 8, single_pixels = 1;
+// Units are as small as tiles may be in the end, where there are not too many; of parts of units a
+// tile has as large a part.
+constexpr std::uint32_t small_units = 2, medium_units = 8;
+constexpr std::uint64_t small_units_pixels_max = std::uint64_t{1} << 21;
 /// Of adaptive pictures, where a tile draws samples around it, too; and of passes.
 constexpr std::uint32_t large_units = 32;
 
-/// Whether the rectangle consists of whole squares of the grid, but at the area's borders.
-bool keeps_to_grid(const PixelRect& rect, const PixelRect& area, std::uint32_t side) {
-    const auto along = [side](std::uint64_t begin, std::uint64_t length, std::uint64_t area_begin,
-                              std::uint64_t area_length) {
-        const std::uint64_t end = begin + length;
-        return (begin % side == 0 || begin == area_begin) &&
-               (end % side == 0 || end == area_begin + area_length);
-    };
-    return along(rect.x, rect.width, area.x, area.width) &&
-           along(rect.y, rect.height, area.y, area.height);
+std::uint32_t unit_side_for(const protocol::PictureSettings& s) {
+    if (s.error > 0 || s.limited_in_time())
+        return large_units;
+    return s.crop.pixel_count() <= small_units_pixels_max ? small_units : medium_units;
 }
 
-std::uint32_t unit_side_for(const StartTile& tile) {
-    if (tile.settings.error > 0 || tile.settings.limited_in_time())
-        return large_units;
-    return keeps_to_grid(tile.rect, tile.settings.crop, whole_units) ? whole_units : single_pixels;
+/// What RenderPool makes of a probe, but with the mean of a unit in place of one ray.
+std::vector<double> probe(const UnitPicture& units, const PixelRect& rect, std::uint32_t side) {
+    std::vector<double> rays;
+    for (std::uint64_t i = 0; i < protocol::probe_squares(rect, side); ++i) {
+        const PixelRect square = protocol::probe_square(rect, side, i);
+        const protocol::Rays at =
+            units.rays_of_unit({square.x + square.width / 2, square.y + square.height / 2, 1, 1});
+        rays.push_back(
+            at.camera > 0 ? static_cast<double>(at.total()) / static_cast<double>(at.camera) : 1);
+    }
+    return rays;
 }
 
 } // namespace
@@ -77,8 +82,8 @@ void EmulatedPool::on(const SceneFailed& event) {
 // ----------------------------------------------------------------------------------------- tiles
 
 void EmulatedPool::perform(SessionIndex session, const StartTile& action) {
-    const Tile tile{session, action.ticket, action.rect};
-    const std::uint32_t unit_side = unit_side_for(action);
+    const Tile tile{session, action.ticket, action.rect, action.probe_side};
+    const std::uint32_t unit_side = unit_side_for(action.settings);
     PicturePtr picture = find_picture(action, unit_side);
     if (!picture) {
         auto added = add_picture(action, unit_side);
@@ -109,10 +114,27 @@ void EmulatedPool::perform(SessionIndex session, const StopTile& action) {
         abandon(PicturePtr(*picture));
 }
 
+/// Of a probe, all of it; of a tile, its rays.
+EmulatedPool::Answer EmulatedPool::answer(const UnitPicture& units, const PixelRect& rect,
+                                          std::uint32_t probe_side) {
+    if (probe_side == 0)
+        return {units.rays(rect), {}};
+    fraja::Tile floats{.rect = rect, .rgb = {}};
+    double sum = 0;
+    for (const double rays : probe(units, rect, probe_side)) {
+        floats.rgb.push_back(static_cast<float>(rays));
+        sum += rays;
+    }
+    const std::uint64_t camera = floats.rgb.size();
+    return {{.camera = camera, .reflected = static_cast<std::uint64_t>(sum) - camera},
+            pixel_blobs(floats)};
+}
+
 void EmulatedPool::start(const PicturePtr& picture, const Tile& tile) {
     timetable_.start(options_.clock(), tile.session, tile.ticket,
-                     picture->units.rays(tile.rect).total());
-    running_.emplace(std::pair(tile.session, tile.ticket), Running{picture, tile.rect});
+                     answer(picture->units, tile.rect, tile.probe_side).rays.total());
+    running_.emplace(std::pair(tile.session, tile.ticket),
+                     Running{picture, tile.rect, tile.probe_side});
 }
 
 std::vector<PoolResult> EmulatedPool::take_results() {
@@ -121,9 +143,12 @@ std::vector<PoolResult> EmulatedPool::take_results() {
     ask_for_units();
     for (const Timetable::Done& done : timetable_.take_done(options_.clock()))
         if (auto tile = running_.extract({done.worker, done.ticket})) {
-            const auto& [picture, rect] = tile.mapped();
-            finish(done.worker, TileFinished{done.ticket, picture->units.rays(rect), done.elapsed,
-                                             picture->units.blobs(rect)});
+            const auto& [picture, rect, probe_side] = tile.mapped();
+            Answer a = answer(picture->units, rect, probe_side);
+            if (probe_side == 0)
+                a.blobs = picture->units.blobs(rect);
+            finish(done.worker,
+                   TileFinished{done.ticket, a.rays, done.elapsed, std::move(a.blobs)});
         }
     return std::exchange(results_, {});
 }

@@ -69,6 +69,7 @@ private:
         SessionIndex session{};
         Ticket ticket{};
         PixelRect rect;
+        std::uint32_t probe_side = 0;
     };
     struct Picture {
         Picture(const StartTile& tile, const UnitPicture::Shape& shape)
@@ -89,11 +90,18 @@ private:
     struct Running {
         PicturePtr picture;
         PixelRect rect;
+        std::uint32_t probe_side = 0;
+    };
+    struct Answer {
+        protocol::Rays rays;
+        std::vector<Blob> blobs;
     };
 
     [[nodiscard]] PicturePtr find_picture(const StartTile& tile, std::uint32_t unit_side);
     [[nodiscard]] Result<PicturePtr> add_picture(const StartTile& tile, std::uint32_t unit_side);
     [[nodiscard]] Result<void> make_room(std::uint64_t bytes);
+    [[nodiscard]] static Answer answer(const UnitPicture& units, const PixelRect& rect,
+                                       std::uint32_t probe_side);
     void start(const PicturePtr& picture, const Tile& tile);
     void ask_for_units();
     void abandon(const PicturePtr& picture);

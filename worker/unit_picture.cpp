@@ -102,6 +102,12 @@ std::vector<Blob> UnitPicture::blobs(const PixelRect& rect) const {
     return blobs;
 }
 
+const protocol::Rays& UnitPicture::rays_of_unit(const PixelRect& rect) const {
+    const PixelRect first = cells_of(shape_.area, shape_.unit_side);
+    const std::uint64_t row = rect.y / shape_.unit_side - first.y;
+    return rays_.at(row * first.width + (rect.x / shape_.unit_side - first.x));
+}
+
 protocol::Rays UnitPicture::rays(const PixelRect& rect) const {
     const PixelRect first = cells_of(shape_.area, shape_.unit_side);
     const PixelRect cells = cells_of(rect, shape_.unit_side);

@@ -42,6 +42,8 @@ public:
     [[nodiscard]] std::vector<Blob> blobs(const PixelRect& rect) const;
     /// Of units that lie in it in part, as large a part.
     [[nodiscard]] protocol::Rays rays(const PixelRect& rect) const;
+    /// All of the unit in which the rect begins.
+    [[nodiscard]] const protocol::Rays& rays_of_unit(const PixelRect& rect) const;
 
 private:
     /// Calls deed(offset of a row of `rect` in the picture, offset in the rect's own bytes, bytes).

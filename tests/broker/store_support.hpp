@@ -87,6 +87,7 @@ inline PutTile tile_of(Rng& rng, const JobId& job, std::uint32_t index, std::siz
     auto tile = random_message_of<protocol::TileDone>(rng);
     tile.job = job;
     tile.tile = TileIndex{index};
+    tile.rect = {0, 0, 8, 8};
     tile.blobs.clear();
     do {
         const std::size_t piece = std::min(size, protocol::chunk_bytes);

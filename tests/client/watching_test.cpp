@@ -70,7 +70,8 @@ TEST_CASE("a watcher whose broker restarts twice in a second is not kept busy fo
     protocol::JobState state;
     state.epoch = 1;
     state.phase = protocol::JobPhase::running;
-    state.tile_count = 4;
+    state.cell_side = 128; // of 256 x 192 pixels
+    state.cell_count = 4;
     hear(state);
     welcome.epoch = 2;
     hear(welcome);

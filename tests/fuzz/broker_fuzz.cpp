@@ -2,6 +2,7 @@
 // and after each of them what every peer may rely on, judged by what it was sent.
 #include "broker/dispatcher.hpp"
 #include "common/base/assert.hpp"
+#include "common/protocol/cells.hpp"
 #include "common/protocol/codec.hpp"
 #include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
@@ -217,7 +218,8 @@ private:
         case 0:
             return say(peer, message_of<FindJob>(in_));
         case 1:
-            return say(peer, message_of<CancelJob>(in_));
+            return in_.once_in(4) ? say(peer, message_of<ControlWorker>(in_))
+                                  : say(peer, message_of<ControlJob>(in_));
         case 2:
             return say(peer, message_of<Repair>(in_));
         case 3:
@@ -354,6 +356,10 @@ private:
     }
 
     void check(const broker::Log&) {}
+    // There is no store.
+    void check(const broker::Persist&) { FRAJA_ASSERT(false); }
+    void check(const broker::SendStored&) { FRAJA_ASSERT(false); }
+    void check(const broker::LoadScene&) { FRAJA_ASSERT(false); }
 
     void check(const broker::Send& send) {
         (void)encode(send.message); // it can be sent
@@ -399,10 +405,10 @@ private:
         }
     }
 
-    /// No pixel of a pass is published twice.
+    /// What is published brings a pixel of a pass that was not there.
     void check_published(const TileDone& tile) {
         WatchedJob& job = jobs_[tile.job];
-        FRAJA_ASSERT(!is_over(job.phase) && tile.rect.inside(job.settings.crop));
+        FRAJA_ASSERT(job.phase != JobPhase::done && tile.rect.inside(job.settings.crop));
         add_places(tile, job.published);
     }
 
@@ -415,11 +421,15 @@ private:
                    .done_count = 0,
                    .published = {}};
         FRAJA_ASSERT(state.epoch == epoch && state.settings == job.settings);
-        FRAJA_ASSERT(state.done_count >= job.done_count && state.done_count <= state.tile_count);
-        FRAJA_ASSERT(!is_over(job.phase) || state.phase == job.phase);
-        FRAJA_ASSERT(state.phase >= job.phase && state.elapsed >= Duration::zero());
+        FRAJA_ASSERT(state.done_count >= job.done_count && state.done_count <= state.cell_count);
+        // What failed or was cancelled may be tried again.
+        FRAJA_ASSERT(job.phase != JobPhase::done || state.phase == job.phase);
+        FRAJA_ASSERT(!is_over(job.phase) || is_over(state.phase) ||
+                     state.phase == JobPhase::queued || state.phase == JobPhase::running);
+        FRAJA_ASSERT(state.elapsed >= Duration::zero());
+        FRAJA_ASSERT(state.share_done >= 0 && state.share_done <= 1);
         FRAJA_ASSERT(state.phase != JobPhase::done || state.settings.limited_in_time() ||
-                     state.done_count == state.tile_count);
+                     state.done_count == state.cell_count);
         job.phase = state.phase;
         job.done_count = state.done_count;
     }
@@ -437,9 +447,10 @@ private:
         Bitmap have;
         std::optional<RepairDone> done = repair(peer, id, 0, have, places);
         if (done)
-            have = Bitmap(done->state.tile_count);
+            have = Bitmap(done->state.cell_count);
         while (done && done->remaining_count > 0)
-            done = repair(peer, id, UINT32_MAX, have, places);
+            done = repair(peer, id, UINT32_MAX, have, places,
+                          CellGrid(done->state.settings.crop, done->state.cell_side));
         if (!done || done->state.phase != JobPhase::done)
             return;
         const PixelRect& crop = done->state.settings.crop;
@@ -449,7 +460,7 @@ private:
     }
 
     std::optional<RepairDone> repair(const PeerId& peer, const JobId& job, std::uint32_t tiles_max,
-                                     Bitmap& have, Places& places) {
+                                     Bitmap& have, Places& places, const CellGrid& grid = {}) {
         std::vector<broker::Action> actions;
         dispatcher_.step(now_, broker::PeerSaid{peer, Repair{job, tiles_max, have.bytes()}},
                          actions);
@@ -457,7 +468,13 @@ private:
         for (const broker::Action& action : actions)
             if (const auto* send = std::get_if<broker::Send>(&action)) {
                 if (const auto* tile = std::get_if<TileDone>(&send->message)) {
-                    have.set(static_cast<std::size_t>(tile->tile));
+                    const auto cells = grid.cells(tile->rect);
+                    FRAJA_ASSERT(cells && grid.index(*cells) + tile->pass * grid.count() ==
+                                              static_cast<std::size_t>(tile->tile));
+                    (void)grid.all_of(*cells, [&](std::uint64_t cell) {
+                        have.set(static_cast<std::size_t>(tile->pass * grid.count() + cell));
+                        return true;
+                    });
                     add_places(*tile, places);
                 } else if (const auto* answer = std::get_if<RepairDone>(&send->message)) {
                     done = *answer;
@@ -466,11 +483,13 @@ private:
         return done;
     }
 
-    /// None may be there already.
+    /// At least one must be new.
     static void add_places(const TileDone& tile, Places& places) {
+        bool is_new = false;
         for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
             for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
-                FRAJA_ASSERT(places.emplace(tile.pass, x, y).second);
+                is_new = places.emplace(tile.pass, x, y).second || is_new;
+        FRAJA_ASSERT(is_new);
     }
 
     Input& in_;

@@ -4,6 +4,7 @@
 #include "client/submission.hpp"
 #include "client/watching.hpp"
 #include "common/base/assert.hpp"
+#include "common/protocol/cells.hpp"
 #include "common/protocol/codec.hpp"
 #include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
@@ -12,6 +13,7 @@
 #include <algorithm>
 #include <memory>
 #include <set>
+#include <tuple>
 
 using namespace fraja;
 using namespace fraja::fuzz;
@@ -82,8 +84,13 @@ private:
         }
         if (kind == 6)
             return std::make_unique<client::FarmWatching>(session);
-        return std::make_unique<client::Asking>(client::JobQuestion{"a", in_.below(2) == 1},
-                                                session);
+        client::Question question =
+            client::WorkerQuestion{"w", message_of<ControlWorker>(in_).deed};
+        if (in_.below(4) != 0)
+            question = client::JobQuestion{
+                "a",
+                in_.below(2) == 1 ? std::optional(message_of<ControlJob>(in_).deed) : std::nullopt};
+        return std::make_unique<client::Asking>(question, session);
     }
 
     void one_event() {
@@ -142,11 +149,12 @@ private:
         fill(in_, state.phase);
         copy_common(state, job_);
         state.epoch = in_.below(3);
-        state.tile_count = tiles_per_pass() * pass_count(job_.settings);
-        state.done_count = in_.below(state.tile_count + 1);
+        state.cell_side = tile_side;
+        state.cell_count = tiles_per_pass() * pass_count(job_.settings);
+        state.done_count = in_.below(state.cell_count + 1);
         state.elapsed = std::chrono::milliseconds(in_.byte());
         if (state.phase == JobPhase::done && !in_.once_in(4))
-            state.done_count = state.tile_count;
+            state.done_count = state.cell_count;
         return state;
     }
 
@@ -163,8 +171,13 @@ private:
         copy_common(tile, job_);
         tile.tile = static_cast<decltype(tile.tile)>(number);
         tile.pass = number / tiles_per_pass();
-        tile.rect = {job_.settings.crop.x, job_.settings.crop.y, 1, 1};
-        tile.blobs = pixels(job_.settings.pixel_bytes() + in_.once_in(8), in_);
+        const CellGrid grid(job_.settings.crop, tile_side);
+        CellRect rect = grid.at(number % tiles_per_pass());
+        rect.width += in_.below(grid.all().width - rect.column);
+        rect.height += in_.below(grid.all().height - rect.row);
+        tile.rect = grid.pixels(rect);
+        tile.blobs =
+            pixels(tile.rect.pixel_count() * job_.settings.pixel_bytes() + in_.once_in(8), in_);
         return tile;
     }
 
@@ -243,8 +256,12 @@ private:
     void check_news(const client::Accepted&) { arrived_.clear(); }
     void check_news(const client::TileArrived& news) {
         const TileDone& tile = news.tile;
-        FRAJA_ASSERT(arrived_.insert(tile.tile).second);
-        FRAJA_ASSERT(static_cast<std::size_t>(tile.tile) < news.tile_count);
+        FRAJA_ASSERT(static_cast<std::size_t>(tile.tile) < news.cell_count);
+        bool is_new = false;
+        for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
+            for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
+                is_new = arrived_.insert({tile.pass, x, y}).second || is_new;
+        FRAJA_ASSERT(is_new);
         FRAJA_ASSERT(!tile.rect.empty() && !tile.blobs.empty());
     }
     void check_news(const client::Finished&) { finished_ = true; }
@@ -256,7 +273,7 @@ private:
     std::unique_ptr<client::Core> core_;
     Instant now_{};
     std::set<std::string> topics_;
-    std::set<decltype(TileDone::tile)> arrived_;
+    std::set<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>> arrived_; ///< pass, x, y
     bool finished_ = false;
 };
 
