@@ -27,16 +27,25 @@ PixelRect common_part(const PixelRect& a, const PixelRect& b) {
     return {x, y, width, height};
 }
 
-protocol::Rays share_of(const protocol::Rays& rays, double share) {
-    protocol::Rays part;
-    std::apply(
-        [&](const auto&... f) {
-            ((part.*f.member =
-                  static_cast<std::uint64_t>(share * static_cast<double>(rays.*f.member) + 0.5)),
-             ...);
-        },
-        protocol::Rays::fields());
-    return part;
+/// Of the unit `whole`, the part's pixels: each has as many as the others, as far as whole numbers
+/// allow, so that the parts' sum is the whole's.
+protocol::Rays share_of(const protocol::Rays& rays, const PixelRect& whole, const PixelRect& part) {
+    protocol::Rays share;
+    const std::uint64_t pixels = whole.pixel_count();
+    const auto up_to = [pixels](std::uint64_t count, std::uint64_t pixel) {
+        return count / pixels * pixel + count % pixels * pixel / pixels;
+    };
+    for (std::uint32_t y = part.y; y < part.y + part.height; ++y) {
+        const std::uint64_t first = std::uint64_t{y - whole.y} * whole.width + (part.x - whole.x);
+        std::apply(
+            [&](const auto&... field) {
+                ((share.*field.member +=
+                  up_to(rays.*field.member, first + part.width) - up_to(rays.*field.member, first)),
+                 ...);
+            },
+            protocol::Rays::fields());
+    }
+    return share;
 }
 
 } // namespace
@@ -117,10 +126,7 @@ protocol::Rays UnitPicture::rays(const PixelRect& rect) const {
             const std::uint64_t index =
                 std::uint64_t{cells.y - first.y + row} * first.width + (cells.x - first.x + column);
             const PixelRect whole = unit(index), part = common_part(whole, rect);
-            sum += part == whole
-                       ? rays_.at(index)
-                       : share_of(rays_.at(index), static_cast<double>(part.pixel_count()) /
-                                                       static_cast<double>(whole.pixel_count()));
+            sum += part == whole ? rays_.at(index) : share_of(rays_.at(index), whole, part);
         }
     return sum;
 }

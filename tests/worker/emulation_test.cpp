@@ -147,7 +147,9 @@ TEST_CASE("an emulated worker's tiles are a true worker's, byte for byte") {
             CHECK(same_bytes(tile.blobs, want.blobs));
             CHECK(seconds(tile.elapsed) ==
                   doctest::Approx(static_cast<double>(tile.rays.total()) / 1000));
-            if (row.same_rays)
+            const bool whole_units =
+                rect.x % 2 == 0 && rect.y % 2 == 0 && rect.width % 2 == 0 && rect.height % 2 == 0;
+            if (row.same_rays && whole_units)
                 CHECK(tile.rays.total() == want.rays.total());
             else
                 CHECK(tile.rays.total() > 0);
@@ -220,7 +222,7 @@ TEST_CASE("a tile that is stopped makes room for the next at once") {
 
 TEST_CASE("pictures are kept within the limit: the oldest goes, and what never fits is said") {
     const std::uint64_t bytes =
-        UnitPicture::Shape{.area = {0, 0, 64, 48}, .unit_side = 8}.memory_bytes();
+        UnitPicture::Shape{.area = {0, 0, 64, 48}, .unit_side = 2}.memory_bytes();
     Emulated bench(1, {.pictures_bytes_max = bytes});
     const ContentHash hash = bench.compile(one, scene_text("cone.raj"));
     for (const std::uint32_t depth : {5u, 4u, 5u}) {
@@ -229,7 +231,10 @@ TEST_CASE("pictures are kept within the limit: the oldest goes, and what never f
         bench.pool.perform(one, tile);
         CHECK(bench.next_finished().ticket == Ticket{depth});
     }
-    bench.pool.perform(one, tile_of(Ticket{9}, hash, {1, 0, 8, 8})); // single pixels take more
+    StartTile larger = tile_of(Ticket{9}, hash, {0, 0, 8, 8});
+    larger.settings.size = {66, 48};
+    larger.settings.crop = {0, 0, 66, 48};
+    bench.pool.perform(one, larger);
     const auto results = bench.pool.take_results();
     REQUIRE(results.size() == 1);
     const auto* broken = std::get_if<TileBroken>(&results[0].event);
