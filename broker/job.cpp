@@ -260,11 +260,17 @@ OpenTileId Job::cut(OpenTileId id, double work_wanted) {
 std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
     if (results_.size() >= 2 * ranked_at_ + 8)
         rank_anew();
-    OpenTileId id = take_pending(bidder);
-    if (id == OpenTileId::none)
-        return std::nullopt;
-    if (!dealt_out_ || stealing_)
-        id = cut(id, bidder.work_wanted);
+    OpenTileId id{};
+    for (;;) {
+        id = take_pending(bidder);
+        if (id == OpenTileId::none)
+            return std::nullopt;
+        if (!dealt_out_ || stealing_)
+            id = cut(id, bidder.work_wanted);
+        if (!overlapping_ || !all_cells_done(open_.at(id).tile))
+            break;
+        close(id); // a late answer has brought it
+    }
     OpenTile& tile = open_.at(id);
     tile.was_assigned = true;
     tile.assignment = Assignment{bidder.peer, bidder.attempt};
