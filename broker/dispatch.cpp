@@ -18,7 +18,7 @@ namespace {
 // A tile is that part of what is left for a thread: so tiles are large first and small in the end.
 // Where nothing is known of what the picture's parts cost, or only what a probe tells, one that is
 // much more than was thought must not be too much.
-constexpr double parts_of_share = 3, parts_of_share_probed = 4, parts_of_share_blank = 12;
+constexpr double parts_of_share = 3, parts_of_share_probed = 4, parts_of_share_blank = 64;
 constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
 
 // Camera rays of a probe: no more than that part of the picture's.

@@ -61,8 +61,8 @@ void Job::set_passes(std::uint32_t passes) {
     fresh_end_ = grid_.count() * passes;
 }
 
-void Job::take_probe(const std::vector<double>& rays_of_blocks) {
-    costs_.take_probe(rays_of_blocks);
+void Job::take_probe(const std::vector<double>& rays_of_spots) {
+    costs_.take_probe(rays_of_spots);
     rank_anew();
 }
 
@@ -76,7 +76,8 @@ void Job::plan() {
         return;
     }
     if (submission_.order != protocol::TileOrder::automatic) {
-        const auto blocks = ordered_cells(costs_.columns(), costs_.rows(), submission_.order);
+        const auto blocks =
+            ordered_cells(costs_.block_columns(), costs_.block_rows(), submission_.order);
         order_.resize(blocks.size());
         for (std::uint32_t rank = 0; rank < blocks.size(); ++rank)
             order_[blocks[rank]] = rank;
@@ -240,7 +241,7 @@ OpenTileId Job::cut(OpenTileId id, double work_wanted) {
     for (;;) {
         OpenTile& tile = open_.at(id);
         tile.work = costs_.work(tile.tile.cells);
-        if (tile.work <= work_wanted || !can_cut(tile.tile))
+        if (!can_cut(tile.tile) || costs_.risk(tile.tile.cells) <= work_wanted)
             return id;
         overlapping_ = overlapping_ || tile.was_assigned; // its worker may still answer
         const auto [first, second] = halves(tile.tile.cells);

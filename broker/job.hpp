@@ -57,7 +57,7 @@ public:
     // ------------------------------------------------------------------------------------- cells
     [[nodiscard]] const protocol::CellGrid& grid() const { return grid_; }
     [[nodiscard]] const CostMap& costs() const { return costs_; }
-    void take_probe(const std::vector<double>& rays_of_blocks);
+    void take_probe(const std::vector<double>& rays_of_spots);
     /// As the wire counts: of the top left cell, pass after pass.
     [[nodiscard]] TileIndex index(const Tile& tile) const {
         return TileIndex(

@@ -101,31 +101,30 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     accept(*job, worker, *grant, answer);
 }
 
-/// Each block of the picture has the mean of the squares that begin in it; else, as its neighbour.
+/// Each spot of the picture has the mean of the squares that it lies in.
 void Dispatcher::take_probe(Job& job, const TileRendered& answer) {
     const std::vector<float> rays = floats_of(answer.blobs);
     const PixelRect& crop = job.submission().settings.crop;
     std::uint32_t side = job.grid().side(); // as grant_probe() did
     while (probe_squares(crop, side) > rays.size())
         side *= 2;
-    const CostMap& costs = job.costs();
     const std::uint64_t columns = (std::uint64_t{crop.width} + side - 1) / side;
-    std::vector<double> blocks(std::size_t{costs.columns()} * costs.rows());
-    for (std::size_t b = 0; b < blocks.size(); ++b) {
-        const PixelRect block = job.grid().pixels(costs.block(b));
-        const std::uint32_t x0 = (block.x - crop.x) / side, y0 = (block.y - crop.y) / side;
-        const std::uint32_t x1 = (block.x - crop.x + block.width - 1) / side;
-        const std::uint32_t y1 = (block.y - crop.y + block.height - 1) / side;
+    std::vector<double> spots(job.costs().spot_count());
+    for (std::size_t i = 0; i < spots.size(); ++i) {
+        const PixelRect spot = job.grid().pixels(job.costs().spot(i));
+        const std::uint32_t x0 = (spot.x - crop.x) / side, y0 = (spot.y - crop.y) / side;
+        const std::uint32_t x1 = (spot.x - crop.x + spot.width - 1) / side;
+        const std::uint32_t y1 = (spot.y - crop.y + spot.height - 1) / side;
         double sum = 0;
         for (std::uint32_t y = y0; y <= y1; ++y)
             for (std::uint32_t x = x0; x <= x1; ++x) {
                 const auto value = static_cast<double>(rays[y * columns + x]);
                 sum += std::isfinite(value) && value > 0 ? value : 1;
             }
-        blocks[b] = sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
+        spots[i] = sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
     }
     job.probe = Job::Probe::over;
-    job.take_probe(blocks);
+    job.take_probe(spots);
     look_ready(job);
 }
 

@@ -13,30 +13,32 @@ namespace {
 using protocol::CellGrid;
 using protocol::CellRect;
 
-/// 256 x 128 pixels: 4 x 2 blocks of 64, in cells of 8.
+/// 64 x 32 pixels: 4 x 2 spots of 16, in cells of 8.
 CostMap map_of_eight() {
-    return CostMap(CellGrid({0, 0, 256, 128}, 8));
+    return CostMap(CellGrid({0, 0, 64, 32}, 8));
 }
 
 TEST_CASE("a blank map takes every pixel for a ray") {
     const CostMap costs = map_of_eight();
     CHECK(costs.is_blank());
-    CHECK(costs.columns() == 4);
-    CHECK(costs.rows() == 2);
+    CHECK(costs.spot_count() == 8);
     CHECK(costs.block_side() == 8);
-    CHECK(costs.left() == 256 * 128);
+    CHECK(costs.block_columns() == 1);
+    CHECK(costs.block_rows() == 1);
+    CHECK(costs.left() == 64 * 32);
     CHECK(costs.work({0, 0, 2, 1}) == 128);
+    CHECK(costs.work({1, 1, 6, 3}) == 18 * 64); // across spots
     CHECK(costs.share_done() == 0);
 }
 
-TEST_CASE("blocks at the borders are as large as what is there") {
+TEST_CASE("spots at the borders are as large as what is there") {
     const CostMap costs(CellGrid({10, 10, 100, 70}, 8)); // columns 1..13, rows 1..9
     double pixels = 0;
-    for (std::size_t b = 0; b < std::size_t{costs.columns()} * costs.rows(); ++b) {
-        CHECK(costs.block_of(costs.block(b)) == b);
-        pixels += costs.work(costs.block(b));
-    }
+    for (std::size_t i = 0; i < costs.spot_count(); ++i)
+        pixels += costs.work(costs.spot(i));
     CHECK(pixels == 100 * 70);
+    CHECK(costs.block_columns() == 2);
+    CHECK(costs.block_rows() == 2);
 }
 
 TEST_CASE("a probe tells the parts of a picture from one another") {
@@ -47,23 +49,40 @@ TEST_CASE("a probe tells the parts of a picture from one another") {
     rays[7] = -3;
     costs.take_probe(rays);
     CHECK_FALSE(costs.is_blank());
-    CHECK(costs.work(costs.block(5)) == 9 * costs.work(costs.block(0)));
-    CHECK(costs.work(costs.block(6)) == costs.work(costs.block(0)));
-    CHECK(costs.left() == 64 * 64 * (7 + 9));
+    CHECK(costs.work(costs.spot(5)) == 9 * costs.work(costs.spot(0)));
+    CHECK(costs.work(costs.spot(6)) == costs.work(costs.spot(0)));
+    CHECK(costs.left() == 16 * 16 * (7 + 9));
 }
 
-TEST_CASE("what is done tells what its block costs, and how good the probe is for the others") {
+TEST_CASE("what is done tells what its spot costs, and how good the probe is for the others") {
     CostMap costs = map_of_eight();
     std::vector<double> rays(8, 1);
     rays[1] = 2;
     costs.take_probe(rays);
-    costs.learn({0, 0, 8, 8}, 3 * 64 * 64); // all of block 0 was three times as much
-    CHECK(costs.work(costs.block(1)) == doctest::Approx(6 * 64 * 64));
-    CHECK(costs.left() == doctest::Approx(3.0 * 64 * 64 * (6 + 2)));
+    costs.learn({0, 0, 2, 2}, 3 * 16 * 16); // all of spot 0 was three times as much
+    CHECK(costs.work(costs.spot(1)) == doctest::Approx(6 * 16 * 16));
+    CHECK(costs.left() == doctest::Approx(3.0 * 16 * 16 * (6 + 2)));
     CHECK(costs.share_done() == doctest::Approx(3.0 / (3 + 3 * 8)));
-    costs.learn({8, 0, 8, 4}, 100.0 * 32 * 64); // half of block 1, and far more than that
-    CHECK(costs.work({8, 4, 8, 4}) > 90.0 * 32 * 64);
-    CHECK(costs.work({8, 4, 8, 4}) < 110.0 * 32 * 64);
+    costs.learn({2, 0, 2, 1}, 100.0 * 8 * 16); // half of spot 1, and far more than that
+    CHECK(costs.work({2, 1, 2, 1}) > 85.0 * 8 * 16);
+    CHECK(costs.work({2, 1, 2, 1}) < 110.0 * 8 * 16);
+}
+
+TEST_CASE("the work of a tile of several spots was where it was thought to be") {
+    CostMap costs = map_of_eight();
+    costs.take_probe({1, 3, 1, 1, 1, 1, 1, 1});
+    costs.learn({0, 0, 4, 1}, 2.0 * (8 * 16 * 1 + 8 * 16 * 3)); // half of spots 0 and 1
+    CHECK(costs.work({2, 1, 2, 1}) == doctest::Approx(3 * costs.work({0, 1, 2, 1})));
+}
+
+TEST_CASE("what lies beside something dear may be dear, too, until it is known") {
+    CostMap costs = map_of_eight();
+    costs.learn({2, 0, 2, 2}, 100.0 * 16 * 16); // spot 1
+    costs.learn({6, 0, 2, 2}, 1.0 * 16 * 16);   // spot 3
+    CHECK(costs.risk(costs.spot(0)) > .4 * costs.work(costs.spot(1)));
+    CHECK(costs.risk(costs.spot(6)) > .4 * costs.work(costs.spot(1))); // across a corner
+    CHECK(costs.risk(costs.spot(7)) == costs.work(costs.spot(7)));
+    CHECK(costs.risk(costs.spot(3)) == costs.work(costs.spot(3)));
 }
 
 TEST_CASE("whatever is learnt in whatever order, in the end nothing is left") {
@@ -83,7 +102,7 @@ TEST_CASE("whatever is learnt in whatever order, in the end nothing is left") {
         const std::size_t probed_at = rng.below(cells.size());
         for (std::size_t i = 0; i < cells.size(); ++i) {
             if (i == probed_at) {
-                std::vector<double> rays(std::size_t{costs.columns()} * costs.rows());
+                std::vector<double> rays(costs.spot_count());
                 for (double& r : rays)
                     r = 10 * rng.unit();
                 costs.take_probe(rays);

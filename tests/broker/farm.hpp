@@ -26,8 +26,9 @@ Id id_of(std::uint8_t n) {
 
 class Farm {
 public:
-    explicit Farm(Limits those = {})
-        : limits(those), dispatcher({id_of<BrokerId>(99), 7, "tcp://127.0.0.1:50058"}, those) {}
+    explicit Farm(Limits those = {}, bool keeps = false)
+        : limits(those),
+          dispatcher({id_of<BrokerId>(99), 7, "tcp://127.0.0.1:50058", keeps}, those) {}
 
     // --------------------------------------------------------------------------------- speaking
     void event(const Event& e) {
@@ -50,7 +51,7 @@ public:
     void subscribe(const JobId& job) { event(TopicSubscribed{protocol::job_topic(job)}); }
 
     void worker_arrives(const PeerId& peer, std::uint8_t id, std::uint32_t threads,
-                        std::uint32_t credit) {
+                        std::uint32_t credit, std::vector<std::string> tags = {}) {
         say(peer, protocol::WorkerHello{.worker = id_of<WorkerId>(id),
                                         .incarnation = 1,
                                         .worker_name = peer,
@@ -58,7 +59,7 @@ public:
                                         .credit = credit,
                                         .speed_rays_per_s = 0,
                                         .memory_bytes = 0,
-                                        .tags = {},
+                                        .tags = std::move(tags),
                                         .program_version = "test"});
     }
     void client_arrives(const PeerId& peer) { say(peer, protocol::ClientHello{peer, "test"}); }
@@ -161,6 +162,9 @@ public:
     std::map<PeerId, std::vector<protocol::Message>> sent;
     std::map<PeerId, std::uint64_t> received; ///< tiles, by the workers' account
     std::vector<Publish> stream;
+    std::vector<Persist> persisted;
+    std::vector<SendStored> from_store;
+    std::vector<LoadScene> scenes_wanted;
     std::vector<Log> logs;
 
 private:
@@ -179,6 +183,12 @@ private:
             sent[send->peer].push_back(std::move(send->message));
         else if (auto* publish = std::get_if<Publish>(&action))
             stream.push_back(std::move(*publish));
+        else if (auto* persist = std::get_if<Persist>(&action))
+            persisted.push_back(std::move(*persist));
+        else if (auto* wish = std::get_if<SendStored>(&action))
+            from_store.push_back(std::move(*wish));
+        else if (auto* load = std::get_if<LoadScene>(&action))
+            scenes_wanted.push_back(*load);
         else
             logs.push_back(std::move(std::get<Log>(action)));
     }

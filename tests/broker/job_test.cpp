@@ -20,6 +20,14 @@ SubmitJob automatic(std::uint32_t width, std::uint32_t height) {
     return s;
 }
 
+/// As a probe tells of four blocks side by side.
+std::vector<double> spots_of(const Job& job, const std::vector<double>& blocks) {
+    std::vector<double> spots;
+    for (std::size_t i = 0; i < job.costs().spot_count(); ++i)
+        spots.push_back(blocks.at(job.costs().block_of(job.costs().spot(i))));
+    return spots;
+}
+
 std::shared_ptr<const TileDone> done_with(const Job& job, const Tile& tile) {
     TileDone done;
     done.job = job.id();
@@ -76,7 +84,7 @@ TEST_CASE("no tile is smaller than a cell, however little is wanted") {
 
 TEST_CASE("what a probe finds to be the most work goes first") {
     Desk desk{Job(automatic(256, 64), 1, "c")};
-    desk.job.take_probe({1, 5, 3, 4});
+    desk.job.take_probe(spots_of(desk.job, {1, 5, 3, 4}));
     std::vector<std::uint32_t> columns;
     while (const auto handed = desk.hand_out(1, 1e9))
         columns.push_back(desk.job.rect(handed->tile).x / 64);
@@ -87,7 +95,7 @@ TEST_CASE("an order that was asked for is kept, also with automatic tiles") {
     SubmitJob s = automatic(256, 64);
     s.order = TileOrder::scan;
     Desk desk{Job(s, 1, "c")};
-    desk.job.take_probe({1, 5, 3, 4});
+    desk.job.take_probe(spots_of(desk.job, {1, 5, 3, 4}));
     std::uint32_t last = 0;
     while (const auto handed = desk.hand_out(1, 2'000)) {
         CHECK(desk.job.rect(handed->tile).x / 64 >= last);
@@ -203,7 +211,7 @@ TEST_CASE("shares are as large as was asked, of the pixels or of the work") {
           Row{true, {1, 1}, {1 / 3.0, 2 / 3.0}}}) {
         CAPTURE(row.by_work);
         Desk desk{Job(automatic(256, 64), 1, "c")};
-        desk.job.take_probe({3, 3, 1, 1});
+        desk.job.take_probe(spots_of(desk.job, {3, 3, 1, 1}));
         std::vector<Job::Share> shares;
         for (std::size_t i = 0; i < row.shares.size(); ++i)
             shares.push_back({id_of<WorkerId>(static_cast<std::uint8_t>(1 + i)), row.shares[i]});

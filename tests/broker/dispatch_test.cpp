@@ -1,0 +1,354 @@
+// Who gets which tile: sizes, probes, speeds, wishes, schedules, and help for those who are late.
+#include "tests/broker/farm.hpp"
+
+#include "common/protocol/probe.hpp"
+#include "common/protocol/settings.hpp"
+
+#include <cstring>
+#include <set>
+
+namespace fraja::broker {
+namespace {
+
+using namespace protocol;
+using namespace std::chrono_literals;
+
+SubmitJob automatic(std::uint8_t id, std::uint32_t width, std::uint32_t height) {
+    SubmitJob s = Farm::picture(id, 1);
+    s.settings.size = {width, height};
+    s.settings.crop = {0, 0, width, height};
+    s.tile_side = 0;
+    return s;
+}
+
+/// To a probe: so many rays in each square.
+template <class Rays>
+TileRendered probed(const RenderTile& order, Rays rays) {
+    Bytes bytes;
+    for (std::uint64_t i = 0; i < probe_squares(order.rect, order.probe_side); ++i) {
+        const auto value = static_cast<float>(rays(probe_square(order.rect, order.probe_side, i)));
+        const auto* raw = reinterpret_cast<const std::byte*>(&value);
+        bytes.insert(bytes.end(), raw, raw + sizeof value);
+    }
+    TileRendered answer = Farm::answer(order);
+    answer.rays.camera = bytes.size() / 4;
+    answer.blobs = {make_blob(std::move(bytes))};
+    return answer;
+}
+
+/// Workers of one thread in pretend time: each renders its tiles in turn, `cost` rays a pixel at
+/// `speed` rays a second. Until the job is over; how long that took.
+class Machines {
+public:
+    struct Machine {
+        PeerId peer;
+        double speed = 1;
+        std::vector<RenderTile> waiting{};
+        std::optional<Instant> ends{};
+    };
+    Machines(Farm& farm, std::vector<Machine> machines, double (*cost)(PixelRect),
+             bool honest = true)
+        : farm_(farm), machines_(std::move(machines)), cost_(cost), honest_(honest) {
+        std::uint8_t id = 0;
+        for (const Machine& machine : machines_)
+            farm_.worker_arrives(machine.peer, ++id, 1, 2);
+    }
+    Duration run(const JobId& job) {
+        const Instant begin = farm_.now;
+        for (int i = 0; i < 200'000 && !is_over(phase(job)); ++i) {
+            take_orders();
+            Instant next = farm_.dispatcher.next_deadline();
+            for (const Machine& machine : machines_)
+                next = std::min(next, machine.ends.value_or(Instant::never()));
+            farm_.now = std::max(farm_.now, next);
+            for (Machine& machine : machines_)
+                if (machine.ends && *machine.ends <= farm_.now)
+                    answer(machine);
+            farm_.event(Tick{});
+            if (farm_.now >= next_beat_) {
+                next_beat_ = farm_.now + 500ms;
+                for (const Machine& machine : machines_) {
+                    take_orders(); // what one says may bring another a tile
+                    farm_.beat(machine.peer, 2, machine.waiting, ++beats_);
+                }
+            }
+        }
+        CHECK(phase(job) == JobPhase::done);
+        return farm_.now - begin;
+    }
+    [[nodiscard]] double busy_s() const { return busy_s_; }
+
+private:
+    JobPhase phase(const JobId& job) { return farm_.state(job).phase; }
+    void take_orders() {
+        for (Machine& machine : machines_) {
+            const auto cancelled = farm_.all<CancelTile>(machine.peer);
+            for (const RenderTile& tile : farm_.tiles(machine.peer))
+                machine.waiting.push_back(tile);
+            for (const CancelTile& cancel : cancelled)
+                for (std::size_t i = 0; i < machine.waiting.size(); ++i)
+                    if (machine.waiting[i].attempt == cancel.attempt) {
+                        const RenderTile tile = machine.waiting[i];
+                        machine.waiting.erase(machine.waiting.begin() +
+                                              static_cast<std::ptrdiff_t>(i));
+                        if (i == 0)
+                            machine.ends.reset();
+                        farm_.fail(machine.peer, tile, FailureCode::cancelled);
+                        break;
+                    }
+            begin_next(machine);
+        }
+    }
+    [[nodiscard]] double rays(const RenderTile& tile) const {
+        if (tile.probe_side > 0)
+            return static_cast<double>(probe_squares(tile.rect, tile.probe_side));
+        double sum = 0;
+        for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
+            for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
+                sum += cost_({x, y, 1, 1});
+        return sum;
+    }
+    void begin_next(Machine& machine) {
+        if (machine.ends || machine.waiting.empty())
+            return;
+        const double s = rays(machine.waiting.front()) / machine.speed;
+        busy_s_ += s;
+        machine.ends =
+            farm_.now + std::chrono::duration_cast<Duration>(std::chrono::duration<double>(s));
+    }
+    void answer(Machine& machine) {
+        const RenderTile tile = machine.waiting.front();
+        machine.waiting.erase(machine.waiting.begin());
+        machine.ends.reset();
+        begin_next(machine);
+        TileRendered answer = Farm::answer(tile);
+        if (tile.probe_side > 0)
+            answer = probed(tile, [&](PixelRect r) {
+                return honest_ ? cost_({r.x + r.width / 2, r.y + r.height / 2, 1, 1}) : 1;
+            });
+        answer.rays.camera = static_cast<std::uint64_t>(rays(tile));
+        answer.elapsed = std::chrono::duration_cast<Duration>(
+            std::chrono::duration<double>(rays(tile) / machine.speed));
+        farm_.say(machine.peer, answer);
+    }
+
+    Farm& farm_;
+    std::vector<Machine> machines_;
+    double (*cost_)(PixelRect);
+    bool honest_; ///< when probed
+    Instant next_beat_{};
+    std::uint64_t beats_ = 0;
+    double busy_s_ = 0;
+};
+
+double even(PixelRect) {
+    return 1;
+}
+/// A corner is a hundred times as much as the rest.
+double uneven(PixelRect r) {
+    return r.x < 40 && r.y < 40 ? 100 : 1;
+}
+
+TEST_CASE("an automatic job is probed once, by a few rays, and a fixed one is not") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 2);
+    farm.submit("client", automatic(1, 256, 192));
+    const auto tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 2);
+    CHECK(tiles[0].probe_side == 32);
+    CHECK(tiles[0].rect == PixelRect{0, 0, 256, 192});
+    CHECK(tiles[1].probe_side == 0);
+    farm.submit("client", Farm::picture(2, 3));
+    farm.submit("client", automatic(3, 16, 16)); // a probe would tell too little
+    farm.say("w", probed(tiles[0], [](PixelRect) { return 1.0f; }));
+    farm.render("w", tiles[1]);
+    for (const auto& tile : farm.tiles("w"))
+        CHECK(tile.probe_side == 0);
+}
+
+TEST_CASE("where a probe finds much is where the next tile is") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 2);
+    farm.submit("client", automatic(1, 640, 480));
+    const auto tiles = farm.tiles("w");
+    REQUIRE(tiles.at(0).probe_side > 0);
+    farm.say("w", probed(tiles[0], [](PixelRect r) {
+                 return r.x >= 320 && r.x < 384 && r.y >= 192 && r.y < 256 ? 50.0f : 1.0f;
+             }));
+    const auto next = farm.tiles("w");
+    REQUIRE(next.size() == 1);
+    CHECK(next[0].rect.x >= 320);
+    CHECK(next[0].rect.x < 384);
+    CHECK(next[0].rect.y >= 192);
+    CHECK(next[0].rect.y < 256);
+}
+
+TEST_CASE("a probe that fails, or tells rubbish, does no harm") {
+    for (const int how : {0, 1, 2, 3}) {
+        CAPTURE(how);
+        Farm farm;
+        farm.worker_arrives("w", 1, 1, 2);
+        const JobId job = farm.submit("client", automatic(1, 64, 48));
+        auto open = farm.tiles("w");
+        REQUIRE(open.at(0).probe_side > 0);
+        if (how == 0)
+            farm.fail("w", open[0], FailureCode::machine);
+        else if (how == 1)
+            farm.say("w", probed(open[0], [](PixelRect) { return -1.0f / 0.0f; }));
+        else if (how == 2)
+            farm.render("w", open[0]); // pixels
+        else
+            farm.event(PeerUnreachable{"w"});
+        if (how == 3) {
+            farm.worker_arrives("w", 1, 1, 2);
+            open.clear();
+        } else {
+            open.erase(open.begin());
+        }
+        for (int i = 0; i < 1'000 && farm.state(job).phase != JobPhase::done; ++i) {
+            for (const auto& more : farm.tiles("w"))
+                open.push_back(more);
+            REQUIRE_FALSE(open.empty());
+            CHECK(open.front().probe_side == 0); // it goes without
+            farm.render("w", open.front());
+            open.erase(open.begin());
+        }
+        CHECK(farm.state(job).phase == JobPhase::done);
+    }
+}
+
+TEST_CASE("machines of different speeds end together, on even pictures and uneven ones") {
+    for (double (*cost)(PixelRect) : {even, uneven}) {
+        Farm farm;
+        Machines machines(
+            farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}, {"d", 8'000}, {"e", 1'000}}, cost);
+        const JobId job = farm.submit("client", automatic(1, 320, 240));
+        const double took = seconds(machines.run(job));
+        double rays = 0;
+        for (std::uint32_t y = 0; y < 240; ++y)
+            for (std::uint32_t x = 0; x < 320; ++x)
+                rays += cost({x, y, 1, 1});
+        CHECK(took < 1.02 * rays / 16'000);
+        CHECK(farm.state(job).done_count == farm.state(job).cell_count);
+    }
+}
+
+TEST_CASE("what no probe has seen costs some time, and not much") {
+    Farm farm;
+    Machines machines(farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}, {"d", 8'000}}, uneven,
+                      false);
+    CHECK(seconds(machines.run(farm.submit("client", automatic(1, 320, 240)))) <
+          1.5 * (320 * 240 + 99 * 40 * 40) / 15'000);
+}
+
+TEST_CASE("a machine a thousand times slower than the others delays nobody") {
+    Farm farm;
+    Machines machines(farm, {{"snail", 5}, {"a", 5'000}, {"b", 5'000}}, even);
+    const JobId job = farm.submit("client", automatic(1, 320, 240));
+    CHECK(seconds(machines.run(job)) < 1.05 * 320 * 240 / 10'000);
+    CHECK(farm.dispatcher.counters().tiles_overbooked > 0);
+}
+
+TEST_CASE("tags are fitted: K by any value, K=V by that one") {
+    struct Row {
+        std::vector<std::string> wanted, tags;
+        bool fits;
+    };
+    for (const Row& row :
+         {Row{{}, {}, true}, Row{{"gpu"}, {}, false}, Row{{"gpu"}, {"gpu"}, true},
+          Row{{"gpu"}, {"gpu=8"}, true}, Row{{"gpu"}, {"gpus"}, false},
+          Row{{"gpu=8"}, {"gpu"}, false}, Row{{"gpu=8"}, {"gpu=8"}, true},
+          Row{{"a", "b=1"}, {"b=1", "a=2", "c"}, true}, Row{{"a", "b=1"}, {"a"}, false}}) {
+        CAPTURE(row.wanted);
+        Farm farm;
+        farm.worker_arrives("w", 1, 1, 1, row.tags);
+        SubmitJob s = Farm::picture(1, 2);
+        s.wishes.tags = row.wanted;
+        farm.submit("client", s);
+        CHECK(farm.tiles("w").size() == (row.fits ? 1 : 0));
+    }
+}
+
+TEST_CASE("a job that suits nobody holds up no other, and goes on when somebody comes") {
+    Farm farm;
+    farm.worker_arrives("plain", 1, 1, 1);
+    SubmitJob s = Farm::picture(1, 2);
+    s.wishes.tags = {"gpu"};
+    s.priority = 9;
+    farm.submit("client", s);
+    farm.submit("client", Farm::picture(2, 1));
+    REQUIRE(farm.tiles("plain").size() == 1);
+    farm.worker_arrives("fast", 2, 1, 1, {"gpu=2"});
+    REQUIRE(farm.tiles("fast").size() == 1);
+}
+
+TEST_CASE("no more workers than were asked for have tiles of a job") {
+    Farm farm;
+    for (std::uint8_t i = 1; i <= 5; ++i)
+        farm.worker_arrives("w" + std::to_string(i), i, 1, 2);
+    SubmitJob s = Farm::picture(1, 20);
+    s.wishes.workers_max = 2;
+    const JobId job = farm.submit("client", s);
+    CHECK(farm.state(job).worker_count == 2);
+    CHECK(farm.state(job).in_flight_count == 4);
+    farm.event(PeerUnreachable{"w1"});
+    farm.event(PeerUnreachable{"w2"});
+    farm.event(PeerUnreachable{"w3"});
+    CHECK(farm.state(job).worker_count == 2);
+}
+
+TEST_CASE("every schedule draws the picture, and stealing ends before equal shares do") {
+    std::map<Schedule, double> took;
+    for (const Schedule schedule :
+         {Schedule::demand, Schedule::equal, Schedule::weighted, Schedule::stealing}) {
+        Farm farm;
+        Machines machines(farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}}, uneven);
+        SubmitJob s = automatic(1, 320, 240);
+        s.wishes.schedule = schedule;
+        took[schedule] = seconds(machines.run(farm.submit("client", s)));
+        if (schedule == Schedule::equal)
+            CHECK(farm.dispatcher.counters().tiles_overbooked == 0);
+    }
+    CHECK(took[Schedule::demand] <= took[Schedule::stealing]);
+    CHECK(took[Schedule::stealing] < took[Schedule::equal]);
+}
+
+TEST_CASE("the share of a worker that is lost goes to the others") {
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 1);
+    farm.worker_arrives("b", 2, 1, 1);
+    SubmitJob s = Farm::picture(1, 8);
+    s.wishes.schedule = Schedule::equal;
+    const JobId job = farm.submit("client", s);
+    REQUIRE(farm.tiles("b").size() == 1);
+    farm.event(PeerUnreachable{"b"});
+    for (auto tiles = farm.tiles("a"); !tiles.empty(); tiles = farm.tiles("a"))
+        farm.render("a", tiles.front());
+    CHECK(farm.state(job).phase == JobPhase::done);
+}
+
+TEST_CASE("whoever was too late is told so, and its answer is counted as unneeded") {
+    Farm farm;
+    farm.worker_arrives("slow", 1, 1, 1);
+    const JobId job = farm.submit("client", Farm::picture(1, 2));
+    const RenderTile held = farm.tiles("slow").at(0);
+    farm.worker_arrives("fast", 2, 1, 1);
+    farm.now = farm.now + 10ms;
+    farm.render("fast", farm.tiles("fast").at(0));
+    farm.pass(200ms); // then it helps out
+    const auto help = farm.tiles("fast");
+    REQUIRE(help.size() == 1);
+    CHECK(help[0].rect == held.rect);
+    CHECK(help[0].attempt != held.attempt);
+    farm.render("fast", help[0]);
+    CHECK(farm.state(job).phase == JobPhase::done);
+    REQUIRE(farm.all<CancelTile>("slow").size() == 1);
+    CHECK(farm.last<CancelTile>("slow").attempt == held.attempt);
+    const auto stale = farm.dispatcher.counters().stale_answers;
+    farm.render("slow", held);
+    CHECK(farm.dispatcher.counters().stale_answers == stale + 1);
+    CHECK(farm.state(job).rays.camera == 200);
+}
+
+} // namespace
+} // namespace fraja::broker
