@@ -124,6 +124,7 @@ private:
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
     [[nodiscard]] std::optional<protocol::Refused>
     objection(const protocol::SubmitJob& submission) const;
+    [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
     void give_up_scene(Job& job, const std::string& why);
     void ask_others_for_scene(const ContentHash& scene);

@@ -80,9 +80,19 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
     if (forgotten_.contains(submission.job))
         return refuse(peer, RefusalCode::conflict, "this job was over, and has been forgotten",
                       submission.job);
-    if (Job* known = job_of(submission.job)) {
-        if (known->submission() != submission)
+    Job* known = job_of(submission.job);
+    if (!known && submission.resume)
+        known = newest_like(submission);
+    if (known) {
+        const SubmitJob& s = known->submission();
+        const bool same = submission.resume
+                              ? s.scene == submission.scene && s.settings == submission.settings
+                              : s == submission;
+        if (!same)
             return refuse(peer, RefusalCode::conflict, "another job has this id", submission.job);
+        if (submission.resume &&
+            (known->phase == JobPhase::failed || known->phase == JobPhase::cancelled))
+            return control_job(peer, {known->id(), JobDeed::retry, 0});
         send(peer, state_of(*known));
         if (known->phase == JobPhase::waiting_for_scene) { // its client came back
             known->set_client(peer);
@@ -142,6 +152,15 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
     });
     if (!somebody_sends_it)
         ask_for_scene(job);
+}
+
+/// The newest job that draws the same picture.
+Job* Dispatcher::newest_like(const SubmitJob& submission) {
+    for (auto entry = job_by_number_.rbegin(); entry != job_by_number_.rend(); ++entry)
+        if (Job& job = jobs_.at(entry->second); job.submission().scene == submission.scene &&
+                                                job.submission().settings == submission.settings)
+            return &job;
+    return nullptr;
 }
 
 void Dispatcher::ask_for_scene(Job& job) {

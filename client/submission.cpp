@@ -82,9 +82,11 @@ void Submission::submit(Instant now, std::vector<Action>& actions) {
 }
 
 void Submission::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
-    if (!submitting_ || state.job != request_.job.job || state.scene != request_.job.scene ||
+    const bool ours = state.job == request_.job.job || request_.job.resume;
+    if (!submitting_ || !ours || state.scene != request_.job.scene ||
         state.settings != request_.job.settings || !Follower::is_sound(state))
         return;
+    request_.job.job = state.job; // it may be one that is taken over
     submit_due_ = now + submit_repeat;
     if (state.phase == protocol::JobPhase::waiting_for_scene)
         return;

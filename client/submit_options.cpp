@@ -134,6 +134,10 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
     SubmitOptions& o = a.options;
     app.add_flag("--detach", o.detach, "Print the job's id, alone on stdout, and leave");
     app.add_flag("--wait", o.wait, "Wait without a progress line");
+    app.add_flag(
+        "--resume", o.resume,
+        "Take over the newest job of the same scene and settings, if there is one; one that "
+        "failed or was cancelled goes on with what it has");
     app.add_option("--timeout", a.timeout, "Leave after this time with exit 124; the job goes on")
         ->type_name("T");
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
@@ -237,6 +241,10 @@ Result<void> read_conduct(Arguments& a) {
     if (o.detach && (o.stats || o.skip_existing))
         return invalid_option("--detach leaves before the job is done: without --stats and "
                               "--skip-existing");
+    if (o.resume && o.local)
+        return invalid_option("--resume needs a farm that goes on: not with --local");
+    if (o.resume && o.settings.limited_in_time())
+        return invalid_option("--resume: the time of a job with --time-limit goes on without you");
     if (o.local_threads != 0 && !o.local)
         return invalid_option("--threads is for --local; on a farm, the workers have theirs");
     if (a.overwrite && o.skip_existing)

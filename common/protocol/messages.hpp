@@ -314,6 +314,7 @@ struct SubmitJob {
     TileOrder order = TileOrder::automatic;
     std::int32_t priority = 0;
     Wishes wishes;
+    bool resume = false;
     friend bool operator==(const SubmitJob&, const SubmitJob&) = default;
     static constexpr auto fields() {
         using T = SubmitJob;
@@ -321,7 +322,7 @@ struct SubmitJob {
                           Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
                           Field{"settings", &T::settings}, Field{"tile_side", &T::tile_side},
                           Field{"order", &T::order},       Field{"priority", &T::priority},
-                          Field{"wishes", &T::wishes}};
+                          Field{"wishes", &T::wishes},     Field{"resume", &T::resume}};
     }
 };
 

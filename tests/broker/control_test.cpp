@@ -84,6 +84,34 @@ TEST_CASE("what was cancelled or failed goes on with what it has when it is trie
     }
 }
 
+TEST_CASE("a job is taken over by whoever submits the same picture and says so") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    const JobId first = farm.submit(1, 3);
+    SubmitJob again = Farm::picture(2, 3);
+    again.job_name = "another name";
+    again.resume = true;
+    farm.client_arrives("late");
+    farm.say("late", again);
+    CHECK(farm.last<JobState>("late").job == first);
+    CHECK(farm.dispatcher.job_count() == 1);
+    again.job = first; // as it goes on
+    farm.say("late", again);
+    CHECK_FALSE(farm.heard<Refused>("late"));
+    farm.say("client", ControlJob{first, JobDeed::cancel, 0});
+    farm.say("late", again);
+    CHECK_FALSE(is_over(farm.last<JobState>("late").phase)); // it is tried again
+    SubmitJob other = again;
+    other.job = id_of<JobId>(3);
+    other.settings.depth += 1;
+    farm.say("late", other);
+    CHECK(farm.last<JobState>("late").job == other.job);
+    CHECK(farm.dispatcher.job_count() == 2);
+    other.job = first;
+    farm.say("late", other);
+    CHECK(farm.last<Refused>("late").code == RefusalCode::conflict);
+}
+
 TEST_CASE("what cannot be done with a job is refused with the reason") {
     Farm farm;
     farm.worker_arrives("w", 1, 1, 1);

@@ -219,6 +219,26 @@ TEST_CASE("another job's state is no acknowledgement") {
     CHECK(d.submission.is_accepted());
 }
 
+TEST_CASE("who resumes takes over another job of the same picture, and no other") {
+    auto request = request_for({}, scene_of(10));
+    request.job.resume = true;
+    protocol::JobState state;
+    state.job = JobId{{6}};
+    state.scene = request.job.scene;
+    state.settings = request.job.settings;
+    state.phase = protocol::JobPhase::running;
+    state.cell_side = 20; // of 40 x 30 pixels
+    state.cell_count = 4;
+    protocol::JobState wrong = state;
+    wrong.settings.depth += 1;
+    Dialogue d(request);
+    d.say(wrong);
+    CHECK_FALSE(d.submission.is_accepted());
+    d.say(state);
+    REQUIRE(d.submission.is_accepted());
+    CHECK(d.submission.follower()->state().job == state.job);
+}
+
 TEST_CASE("when the time is up the client leaves, before and after the acknowledgement") {
     for (const Duration timeout : {Duration(0s), Duration(1ms), Duration(500ms)}) {
         const FakeJob job;

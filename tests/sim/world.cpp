@@ -489,7 +489,8 @@ private:
                       .settings = plan.settings,
                       .tile_side = plan.tile_side,
                       .priority = plan.priority,
-                      .wishes = plan.wishes};
+                      .wishes = plan.wishes,
+                      .resume = false};
         job_of_scene_[client.job.scene] = i;
         report_.jobs[i].submitted_at = now_.since_start;
         client::SubmissionRequest request{.job = client.job,

@@ -180,8 +180,8 @@ TEST_CASE("what was kept is read by every version of the protocol") {
     CHECK(refusal(frames_of(header_of(SubmitJob::type), older)) == ErrorCode::malformed_frame);
     // And one to come, with fields that nobody knows yet.
     const Bytes newer =
-        body_of(10, {0x9c, 0x92, 8, 6, 0x94, 0, 0, 8, 6, 5, 0, 0xc2, 1, 16, 0, 0xcd, 4, 0, 0, 0, 1},
-                {32, 0, 0, 0x93, 0, 0, 0x90, 0xa1, 'x'});
+        body_of(11, {0x9c, 0x92, 8, 6, 0x94, 0, 0, 8, 6, 5, 0, 0xc2, 1, 16, 0, 0xcd, 4, 0, 0, 0, 1},
+                {32, 0, 0, 0x93, 0, 0, 0x90, 0xc2, 0xa1, 'x'});
     CHECK(decode_kept<SubmitJob>(newer).value() == job);
     CHECK(decode_kept<SubmitJob>(raw({0xc0})).error().code == ErrorCode::malformed_frame);
     CHECK(decode_kept<SubmitJob>(Bytes()).error().code == ErrorCode::malformed_frame);
