@@ -286,7 +286,7 @@ private:
         if (elapsed > 0)
             fmt::print("speed             {}\n",
                        format_rate(static_cast<double>(report_.job.rays.total()) / elapsed));
-        fmt::print("tiles             {}\n"
+        fmt::print("cells             {}\n"
                    "workers           {}\n",
                    report_.job.done_count, report_.workers);
     }
