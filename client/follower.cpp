@@ -2,9 +2,11 @@
 
 #include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
+#include "common/protocol/pixels.hpp"
 #include "common/protocol/topics.hpp"
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 namespace fraja::client {
@@ -142,20 +144,74 @@ void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Act
     }
     if (!repair_pending_ && !barrier_pending_)
         repair_wanted_ = now + silence_max;
-    std::uint32_t fresh = 0;
-    (void)grid_.all_of(*cells_of_tile, [&](std::uint64_t cell) {
-        const auto bit = static_cast<std::size_t>(tile.pass * grid_.count() + cell);
-        fresh += !have_.test(bit);
-        have_.set(bit);
-        return true;
-    });
-    if (fresh == 0) {
+    const std::vector<protocol::CellRect> fresh = take_fresh(*cells_of_tile, tile.pass);
+    if (fresh.empty()) {
         ++counts_.duplicates;
         return;
     }
-    have_count_ += fresh;
     repair_brought_any_ = true;
-    actions.push_back(News(TileArrived{tile, state_.cell_count}));
+    if (fresh.front() == *cells_of_tile) {
+        actions.push_back(News(TileArrived{tile, state_.cell_count}));
+        return;
+    }
+    // Some of it is here already: it was given out in parts as well.
+    for (const protocol::CellRect& part : fresh)
+        actions.push_back(News(TileArrived{part_of(tile, part), state_.cell_count}));
+}
+
+/// Marks the cells and returns what of them was not here, as rectangles.
+std::vector<protocol::CellRect> Follower::take_fresh(const protocol::CellRect& cells,
+                                                     std::uint32_t pass) {
+    std::vector<protocol::CellRect> fresh;
+    for (std::uint32_t row = cells.row; row < cells.row + cells.height; ++row)
+        for (std::uint32_t column = cells.column; column < cells.column + cells.width; ++column) {
+            const auto bit =
+                static_cast<std::size_t>(pass * grid_.count() + grid_.index(column, row));
+            if (have_.test(bit))
+                continue;
+            have_.set(bit);
+            ++have_count_;
+            if (!fresh.empty() && fresh.back().row == row &&
+                fresh.back().column + fresh.back().width == column)
+                ++fresh.back().width;
+            else
+                fresh.push_back({column, row, 1, 1});
+        }
+    // Runs of cells that lie one below the other are one rectangle.
+    std::vector<protocol::CellRect> rects;
+    for (const protocol::CellRect& run : fresh) {
+        const auto above = std::ranges::find_if(rects, [&](const protocol::CellRect& r) {
+            return r.column == run.column && r.width == run.width && r.row + r.height == run.row;
+        });
+        if (above != rects.end())
+            ++above->height;
+        else
+            rects.push_back(run);
+    }
+    return rects;
+}
+
+/// What it cost is told of the part at its place, by its pixels.
+protocol::TileDone Follower::part_of(const protocol::TileDone& tile,
+                                     const protocol::CellRect& cells) const {
+    protocol::TileDone part = tile;
+    part.rect = grid_.pixels(cells);
+    part.tile =
+        TileIndex(static_cast<std::uint32_t>(tile.pass * grid_.count() + grid_.index(cells)));
+    part.blobs =
+        protocol::pixels_of_part(tile.blobs, tile.rect, part.rect, state_.settings.pixel_bytes());
+    const double share =
+        static_cast<double>(part.rect.pixel_count()) / static_cast<double>(tile.rect.pixel_count());
+    std::apply(
+        [&](const auto&... field) {
+            ((part.rays.*field.member =
+                  static_cast<std::uint64_t>(share * static_cast<double>(tile.rays.*field.member))),
+             ...);
+        },
+        protocol::Rays::fields());
+    part.elapsed =
+        Duration(static_cast<Duration::rep>(share * static_cast<double>(tile.elapsed.count())));
+    return part;
 }
 
 std::optional<protocol::CellRect> Follower::cells(const protocol::TileDone& tile) const {

@@ -62,6 +62,10 @@ private:
     void take(Instant now, const protocol::Barrier& barrier, std::vector<Action>& actions);
     /// Its cells, if it is a tile of the job.
     [[nodiscard]] std::optional<protocol::CellRect> cells(const protocol::TileDone& tile) const;
+    [[nodiscard]] std::vector<protocol::CellRect> take_fresh(const protocol::CellRect& cells,
+                                                             std::uint32_t pass);
+    [[nodiscard]] protocol::TileDone part_of(const protocol::TileDone& tile,
+                                             const protocol::CellRect& cells) const;
     [[nodiscard]] bool adopt(const protocol::JobState& state, std::vector<Action>& actions);
     void tick(Instant now, std::vector<Action>& actions);
     void raise_barrier(Instant now, std::vector<Action>& actions);

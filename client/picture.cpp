@@ -77,7 +77,7 @@ Picture::Picture(const protocol::PictureSettings& settings)
 
 void Picture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
     if (tile.pass == 0)
-        count_placed(tile.rect);
+        pixels_placed_ += tile.rect.pixel_count();
     if (!settings_.limited_in_time())
         return film_.place(tile_of(tile, settings_));
     if (!passes_) {
@@ -85,18 +85,6 @@ void Picture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
         film_ = Film(settings_.size, {}); // not needed any more
     }
     passes_->place(tile.pass, tile_of(tile, settings_));
-}
-
-/// Tiles may overlap.
-void Picture::count_placed(const PixelRect& rect) {
-    const PixelRect& crop = settings_.crop;
-    placed_.resize(static_cast<std::size_t>(crop.pixel_count()));
-    for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
-        for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x) {
-            const std::size_t at = std::size_t{y - crop.y} * crop.width + (x - crop.x);
-            pixels_placed_ += !placed_[at];
-            placed_[at] = true;
-        }
 }
 
 std::optional<Estimate> Picture::estimate() const {

@@ -44,12 +44,9 @@ public:
                                      const std::vector<PictureAttribute>& attributes) const;
 
 private:
-    void count_placed(const PixelRect& rect);
-
     protocol::PictureSettings settings_;
     Film film_;
     std::optional<PassFilm> passes_; ///< instead of it, from the first tile of a pass on
-    std::vector<bool> placed_;       ///< of the crop's pixels, row by row; once a tile has come
     std::uint64_t pixels_placed_ = 0;
 };
 

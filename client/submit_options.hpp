@@ -23,7 +23,7 @@ struct SubmitOptions {
     protocol::Wishes wishes;
     bool local = false;
     std::uint32_t local_threads = 0; ///< 0: every CPU this process may use
-    bool resume = false; ///< take over a job of the same scene and settings
+    bool resume = false;             ///< take over a job of the same scene and settings
     bool detach = false, wait = false, dry_run = false, stats = false;
     bool skip_existing = false;
     std::optional<Duration> timeout;

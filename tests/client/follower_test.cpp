@@ -332,6 +332,54 @@ TEST_CASE("a watcher joins at any time, whatever the stream drops, and sees ever
     });
 }
 
+TEST_CASE("of a tile that is here in part only the rest is told, with its own pixels") {
+    protocol::JobState job = job_of_four_tiles();
+    job.settings.size = {4, 3};
+    job.settings.crop = {0, 0, 4, 3};
+    job.cell_count = 12;
+    Follower follower(job, Rng(1));
+    const auto tile_at = [&](PixelRect rect) {
+        protocol::TileDone done;
+        done.job = job.job;
+        done.tile = TileIndex{rect.y * 4 + rect.x};
+        done.rect = rect;
+        done.rays.camera = rect.pixel_count();
+        Bytes pixels;
+        for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
+            for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x)
+                pixels.insert(pixels.end(), 12, static_cast<std::byte>(10 * y + x));
+        done.blobs = {make_blob(std::move(pixels))};
+        return done;
+    };
+    std::vector<Action> actions;
+    follower.start(Instant{}, actions);
+    std::vector<int> seen(12);
+    const auto hear = [&](PixelRect heard) {
+        actions.clear();
+        follower.step(Instant{}, FromStream{tile_at(heard)}, actions);
+        for (const Action& action : actions) {
+            const auto* news = std::get_if<News>(&action);
+            const auto* arrived = news ? std::get_if<TileArrived>(news) : nullptr;
+            if (!arrived)
+                continue;
+            const protocol::TileDone& tile = arrived->tile;
+            CHECK((*tile.blobs.at(0) == *tile_at(tile.rect).blobs[0]));
+            CHECK(tile.tile == tile_at(tile.rect).tile);
+            CHECK(tile.rays.camera == tile.rect.pixel_count());
+            for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
+                for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
+                    ++seen[y * 4 + x];
+        }
+    };
+    hear({1, 1, 2, 1});
+    hear({0, 0, 4, 3});
+    CHECK(seen == std::vector<int>(12, 1));
+    hear({0, 0, 2, 2}); // nothing new
+    CHECK(seen == std::vector<int>(12, 1));
+    CHECK(follower.have_count() == 12);
+    CHECK(follower.counts().duplicates == 1);
+}
+
 TEST_CASE("a job that ends badly ends the watcher as well, with every tile that was done") {
     for_each_seed(200, [](Rng& rng) {
         const bool failed = rng.below(2) == 0;

@@ -1,0 +1,59 @@
+#include "common/protocol/pixels.hpp"
+
+#include "common/protocol/limits.hpp"
+#include "tests/support/seeds.hpp"
+
+#include <algorithm>
+#include <doctest/doctest.h>
+
+namespace fraja::protocol {
+namespace {
+
+/// Byte `b` of a pixel in a plane.
+std::byte at(std::uint32_t x, std::uint32_t y, std::uint64_t plane, std::uint64_t b) {
+    return static_cast<std::byte>(x * 31 + y * 57 + plane * 101 + b * 7);
+}
+
+std::vector<Blob> pixels(const PixelRect& rect, std::uint64_t pixel_bytes, std::size_t cut) {
+    Bytes bytes;
+    for (std::uint64_t plane = 0; 8 + 4 * plane < pixel_bytes; ++plane)
+        for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
+            for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x)
+                for (std::uint64_t b = 0; b < (plane == 0 ? colour_bytes : plane_bytes); ++b)
+                    bytes.push_back(at(x, y, plane, b));
+    std::vector<Blob> blobs;
+    for (std::size_t begin = 0; begin < bytes.size(); begin += cut)
+        blobs.push_back(make_blob(Bytes(
+            bytes.begin() + static_cast<std::ptrdiff_t>(begin),
+            bytes.begin() + static_cast<std::ptrdiff_t>(std::min(begin + cut, bytes.size())))));
+    return blobs;
+}
+
+TEST_CASE("the pixels of a part are those that a tile of its size would have, in every plane") {
+    for_each_seed(100, [](Rng& rng) {
+        const auto number = [&](std::uint64_t most) {
+            return static_cast<std::uint32_t>(rng.below(most));
+        };
+        const PixelRect rect{number(50), number(50), 1 + number(40), 1 + number(40)};
+        const std::uint32_t x = number(rect.width), y = number(rect.height);
+        const PixelRect part{rect.x + x, rect.y + y, 1 + number(rect.width - x),
+                             1 + number(rect.height - y)};
+        const std::uint64_t pixel_bytes = rng.below(2) == 0 ? 12 : 20;
+        const auto got = pixels_of_part(pixels(rect, pixel_bytes, 1 + rng.below(3'000)), rect, part,
+                                        pixel_bytes);
+        const auto want = pixels(part, pixel_bytes, chunk_bytes);
+        REQUIRE(got.size() == want.size());
+        for (std::size_t i = 0; i < got.size(); ++i)
+            CHECK((*got[i] == *want[i]));
+    });
+}
+
+TEST_CASE("the pixels of a large part are cut every chunk_bytes") {
+    const PixelRect rect{0, 0, 400, 300}, part{1, 1, 300, 299};
+    const auto got = pixels_of_part(pixels(rect, 12, chunk_bytes), rect, part, 12);
+    REQUIRE(got.size() == 3);
+    CHECK(got[0]->size() == chunk_bytes);
+}
+
+} // namespace
+} // namespace fraja::protocol
