@@ -1,0 +1,143 @@
+// fraja-ctl and what it makes of jobs and workers, with real processes.
+#include "tests/e2e/farm.hpp"
+
+#include <doctest/doctest.h>
+
+namespace fraja::e2e {
+namespace {
+
+RunResult ctl(Farm& farm, Words words) {
+    Words argv{program("fraja-ctl"), "-b", farm.endpoint()};
+    argv.insert(argv.end(), words.begin(), words.end());
+    auto result = run({argv}, patience);
+    REQUIRE_MESSAGE(result.has_value(), (result ? "" : result.error().message));
+    return std::move(*result);
+}
+
+nlohmann::json job(Farm& farm, const std::string& id) {
+    const auto shown = ctl(farm, {"show", id, "--json"});
+    REQUIRE(shown.exit == 0);
+    return nlohmann::json::parse(shown.out);
+}
+
+std::string state(Farm& farm, const std::string& id) {
+    return job(farm, id).at("state");
+}
+
+/// A job that takes a while on one thread.
+const Words long_job{scene("overlapping_spheres"), "-r", "200x150", "-d", "20", "-a", "8"};
+
+TEST_CASE("a job is paused, resumed, cancelled and tried again from the command line") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string id = farm.detach(long_job);
+    CHECK(ctl(farm, {"pause", id}).exit == 0);
+    CHECK(state(farm, id) == "paused");
+    farm.add_worker("one", {"-j", "2"});
+    Process watcher = farm.watch_from_the_start(id, {"--json"});
+    CHECK(job(farm, id).at("in_flight_count") == 0);
+    const auto resumed = ctl(farm, {"resume", id});
+    CHECK(resumed.exit == 0);
+    wait_for_tiles(watcher, 1);
+    const auto cancelled = ctl(farm, {"cancel", id, "--yes"});
+    CHECK(cancelled.exit == 0);
+    CHECK(cancelled.err.find("is cancelled") != std::string::npos);
+    CHECK(watcher.wait_for_exit(patience) == 5);
+    const auto done_before = job(farm, id).at("done_count").get<int>();
+    CHECK(done_before > 0);
+    CHECK(ctl(farm, {"retry", id}).exit == 0);
+    Process again = farm.watch(id);
+    CHECK(again.wait_for_exit(patience) == 0);
+    CHECK(state(farm, id) == "done");
+    CHECK(ctl(farm, {"retry", id}).exit == 2); // there is nothing to try again
+    CHECK(ctl(farm, {"pause", id}).exit == 2);
+    CHECK(ctl(farm, {"pause", "nothing"}).exit == 6);
+    CHECK(ctl(farm, {"cancel", id}).exit == 0); // it is over: nothing is asked
+    const std::string picture = scratch.file("got.png");
+    CHECK(ctl(farm, {"get", id, "-o", picture}).exit == 0);
+    CHECK((bytes_of(picture) == local_picture(scratch, long_job)));
+}
+
+TEST_CASE("priorities are changed, and the job that matters more ends first") {
+    Farm farm;
+    const std::string first = farm.detach({scene("cone"), "-r", "64x48", "-n", "first"});
+    const std::string second = farm.detach({scene("cone"), "-r", "64x48", "-n", "second"});
+    const auto changed = ctl(farm, {"prio", "second", "7"});
+    CHECK(changed.exit == 0);
+    CHECK(changed.err.find("has priority 7") != std::string::npos);
+    CHECK(job(farm, second).at("priority") == 7);
+    Process watcher = farm.watch_from_the_start(first, {"--json"});
+    farm.add_worker("one");
+    wait_for_tiles(watcher, 1);
+    CHECK(job(farm, second).at("done_count") > 0);
+    CHECK(watcher.wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("workers are drained, undrained and told to leave from the command line") {
+    const Scratch scratch;
+    Farm farm;
+    Process& worker = farm.add_worker("ada");
+    const auto drained = ctl(farm, {"drain", "ada", "--json"});
+    CHECK(drained.exit == 0);
+    CHECK(nlohmann::json::parse(drained.out).at("draining") == true);
+    CHECK(ctl(farm, {"workers"}).out.find("draining") != std::string::npos);
+    const std::string id = farm.detach({scene("cone"), "-r", "20x15"});
+    CHECK(job(farm, id).at("in_flight_count") == 0);
+    CHECK(ctl(farm, {"undrain", "ada"}).exit == 0);
+    Process watcher = farm.watch(id);
+    CHECK(watcher.wait_for_exit(patience) == 0);
+    CHECK(ctl(farm, {"kick", "ada"}).exit == 2); // off a terminal it wants --yes
+    CHECK(ctl(farm, {"kick", "eve", "--yes"}).exit == 6);
+    CHECK(ctl(farm, {"kick", "ada", "--yes"}).exit == 0);
+    CHECK(worker.wait_for_exit(patience) == 0);
+    CHECK(worker.err().find("told to leave") != std::string::npos);
+}
+
+TEST_CASE("a job goes to workers with its tags, and to no more than it wants") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("plain");
+    const std::string id = farm.detach({scene("cone"), "-r", "40x30", "--tag", "fast"});
+    Process watcher = farm.watch_from_the_start(id, {"--json"});
+    farm.add_worker("slow", {"-j", "1", "--tag", "fast=no"});
+    CHECK(watcher.wait_for_exit(patience) == 0);
+    for (const TileLine& tile : tile_lines(watcher.out()))
+        CHECK(tile.worker == "slow");
+    const auto one = farm.submit({scene("cone"), "-r", "60x40", "--max-workers", "1", "--json",
+                                  "-o", scratch.file("one.png")});
+    CHECK(one.exit == 0);
+    CHECK(nlohmann::json::parse(one.out).at("workers") == 1);
+}
+
+TEST_CASE("every schedule draws the same bytes") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one");
+    farm.add_worker("two");
+    const Words picture{scene("overlapping_spheres"), "-r", "80x60"};
+    const std::string want = local_picture(scratch, picture);
+    for (const char* schedule : {"demand", "static", "weighted", "stealing"}) {
+        CAPTURE(schedule);
+        Words words = picture;
+        const std::string file = scratch.file(std::string(schedule) + ".png");
+        words.insert(words.end(), {"--schedule", schedule, "-o", file});
+        CHECK(farm.submit(words).exit == 0);
+        CHECK((bytes_of(file) == want));
+    }
+}
+
+TEST_CASE("an interrupted job is taken over with --resume") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string id = farm.detach({scene("cone"), "-r", "64x48"});
+    Process client = farm.start_submit(
+        {scene("cone"), "-r", "64x48", "--resume", "--json", "-o", scratch.file("c.png")});
+    farm.add_worker("one");
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK(nlohmann::json::parse(client.out()).at("job") == id);
+    CHECK((bytes_of(scratch.file("c.png")) ==
+           local_picture(scratch, {scene("cone"), "-r", "64x48"})));
+}
+
+} // namespace
+} // namespace fraja::e2e
