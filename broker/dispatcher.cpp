@@ -38,7 +38,7 @@ Instant Dispatcher::next_deadline() const {
     Instant deadline = next_sweep_;
     if (!deadlines_.empty())
         deadline = std::min(deadline, deadlines_.begin()->first);
-    if (speed_.is_known() && somebody_is_idle() && somebody_has_tiles())
+    if (!store_is_behind() && speed_.is_known() && somebody_is_idle() && somebody_has_tiles())
         deadline = std::min(deadline, next_overbook_);
     const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
         const auto found = jobs_.find(id);

@@ -216,6 +216,21 @@ TEST_CASE("while nothing can be kept nothing is handed out, and everybody is tol
     CHECK(farm.state(picture.job).done_count == 1);
 }
 
+TEST_CASE("a broker that cannot keep anything waits, though a worker is idle") {
+    Farm farm({}, true);
+    farm.worker_arrives("a", 1, 1, 1);
+    farm.worker_arrives("b", 2, 1, 1);
+    farm.submit(1, 3);
+    all_stored(farm);
+    const auto tile = farm.tiles("a").at(0);
+    farm.now = farm.now + 300ms;
+    farm.event(StoreFails{"the disk is full"});
+    farm.render("a", tile);
+    farm.event(Tick{});
+    CHECK(farm.tiles("a").empty());
+    CHECK(farm.dispatcher.next_deadline() > farm.now);
+}
+
 TEST_CASE("a store that is too slow holds up the farm beyond unstored_bytes_max") {
     Limits limits;
     limits.unstored_bytes_max = 5'000;
