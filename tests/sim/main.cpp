@@ -1,5 +1,5 @@
 // fraja-sim [--hours H] [--seed S]: farms in pretend time, each with accidents of its own.
-#include "tests/sim/world.hpp"
+#include "tests/sim/scenario.hpp"
 
 #include <charconv>
 #include <fmt/core.h>

@@ -1,5 +1,5 @@
 // Farms in pretend time: whatever goes wrong, every job ends with its pixels.
-#include "tests/sim/world.hpp"
+#include "tests/sim/scenario.hpp"
 
 #include <doctest/doctest.h>
 

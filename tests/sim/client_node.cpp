@@ -1,0 +1,212 @@
+#include "tests/sim/client_node.hpp"
+
+#include "client/submission.hpp"
+#include "client/watching.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/passes.hpp"
+#include "tests/sim/pixels.hpp"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <variant>
+
+namespace fraja::sim {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+Bytes scene_of(std::size_t size, std::size_t index) {
+    Bytes scene(size);
+    for (std::size_t b = 0; b < scene.size(); ++b)
+        scene[b] = static_cast<std::byte>(b * 7 + index + b / 251);
+    return scene;
+}
+
+client::SessionOptions session_options() {
+    return {{"sim"}, 1h, "sim"};
+}
+
+} // namespace
+
+// -------------------------------------------------------------------------------------- any core
+
+CoreRunner::CoreRunner(Farm& farm, Network& network, Stream& stream, std::uint64_t name)
+    : farm_(farm), network_(network), stream_(stream),
+      name_(name), subscriber_{process_, [this](const protocol::Message& message) {
+                                   step(client::FromStream{message});
+                               }} {
+    process_.hear = [this](protocol::Message&& message) {
+        step(client::FromBroker{std::move(message)});
+    };
+    process_.tick = [this] { step(client::Tick{}); };
+    // Its socket has found the broker again by itself: nothing that the core hears of.
+    process_.reconnected = [this] {
+        network_.in_process(process_, [this] { step(client::Tick{}); });
+    };
+}
+
+void CoreRunner::start(std::unique_ptr<client::Core> core,
+                       std::function<void(const client::News&)> on_news) {
+    network_.begin_life(process_);
+    stream_.open(subscriber_);
+    core_ = std::move(core);
+    on_news_ = std::move(on_news);
+    std::vector<client::Action> actions;
+    core_->start(farm_.now(), actions);
+    perform(actions);
+}
+
+void CoreRunner::step(const client::Event& event) {
+    if (!process_.running)
+        return;
+    farm_.note(name_ + event.index());
+    std::vector<client::Action> actions;
+    core_->step(farm_.now(), event, actions);
+    perform(actions);
+}
+
+void CoreRunner::perform(std::vector<client::Action>& actions) {
+    for (std::size_t k = 0; k < actions.size() && process_.running; ++k) {
+        client::Action action = std::move(actions[k]);
+        if (!std::visit([this](auto& a) { return perform(std::move(a)); }, action))
+            core_->step(farm_.now(), client::NotSent{}, actions);
+    }
+    if (process_.running)
+        network_.wake(process_, core_->next_deadline());
+}
+
+bool CoreRunner::perform(client::Connect&&) {
+    network_.disconnect(process_);
+    network_.connect(process_, process_.reconnected);
+    return true;
+}
+bool CoreRunner::perform(client::OpenStream&&) {
+    stream_.open(subscriber_);
+    return true;
+}
+bool CoreRunner::perform(client::Subscribe&& subscribe) {
+    stream_.subscribe(subscriber_, subscribe.topic);
+    return true;
+}
+bool CoreRunner::perform(client::Unsubscribe&& unsubscribe) {
+    stream_.unsubscribe(subscriber_, unsubscribe.topic);
+    return true;
+}
+bool CoreRunner::perform(client::News&& news) {
+    if (std::holds_alternative<client::Finished>(news)) {
+        stream_.open(subscriber_);
+        network_.disconnect(process_);
+        network_.end_life(process_);
+    }
+    on_news_(news);
+    return true;
+}
+
+// --------------------------------------------------------------------------------- one with a job
+
+ClientNode::ClientNode(Farm& farm, Network& network, Stream& stream, std::size_t index)
+    : farm_(farm), index_(index), runner_(farm, network, stream, 3'000 + 100 * index) {}
+
+void ClientNode::start() {
+    const JobPlan& plan = farm_.scenario.jobs[index_];
+    const Blob scene = make_blob(scene_of(plan.scene_bytes, index_));
+    job_ = {.job = farm_.make_id<JobId>(),
+            .job_name = "job " + std::to_string(index_),
+            .scene = protocol::content_hash(*scene),
+            .scene_bytes = scene->size(),
+            .settings = plan.settings,
+            .tile_side = plan.tile_side,
+            .order = plan.order,
+            .priority = plan.priority,
+            .wishes = plan.wishes};
+    farm_.submitted[job_.job] = {job_, index_, scene};
+    farm_.plan_of_scene[job_.scene] = index_;
+    farm_.report.jobs[index_].submitted_at = farm_.now().since_start;
+    client::SubmissionRequest request{
+        .job = job_, .scene_text = scene, .session = session_options(), .timeout = {}};
+    runner_.start(std::make_unique<client::Submission>(std::move(request), Rng(farm_.rng.next())),
+                  [this](const client::News& news) { take(news); });
+}
+
+void ClientNode::watch() {
+    watching_ = true;
+    client::WatchRequest request{
+        .job = to_string(job_.job), .session = session_options(), .until = {}};
+    runner_.start(std::make_unique<client::JobWatching>(std::move(request), Rng(farm_.rng.next())),
+                  [this](const client::News& news) { take(news); });
+}
+
+void ClientNode::take(const client::News& news) {
+    if (const auto* accepted = std::get_if<client::Accepted>(&news))
+        begin_following(accepted->state);
+    else if (const auto* tile = std::get_if<client::TileArrived>(&news))
+        take(tile->tile);
+    else if (const auto* finished = std::get_if<client::Finished>(&news))
+        finish(finished->outcome);
+}
+
+void ClientNode::begin_following(const protocol::JobState& state) {
+    JobReport& report = farm_.report.jobs[index_];
+    if (report.acknowledged && !watching_ && farm_.scenario.store.there)
+        violation("was acknowledged, and has to be submitted again");
+    if (!report.acknowledged)
+        report.acknowledged_at = farm_.now().since_start;
+    report.acknowledged = true;
+    grid_ = protocol::CellGrid(job_.settings.crop, state.cell_side);
+    have_.assign(state.cell_count, false); // whoever begins anew is given all anew
+}
+
+void ClientNode::take(const protocol::TileDone& tile) {
+    ++farm_.report.tiles;
+    const auto cells = grid_.cells(tile.rect);
+    std::uint64_t fresh = 0;
+    if (cells)
+        (void)grid_.all_of(*cells, [&](std::uint64_t cell) {
+            const std::size_t bit = tile.pass * grid_.count() + cell;
+            fresh += !have_.at(bit);
+            have_[bit] = true;
+            return true;
+        });
+    if (fresh == 0)
+        violation("is given a tile twice");
+    else
+        farm_.report.useful_rays += farm_.scenario.jobs[index_].work.rays(tile.rect) *
+                                    static_cast<double>(fresh) /
+                                    static_cast<double>(cells->count());
+    if (farm_.scenario.pixels &&
+        !are_pixels_of({job_.scene, job_.settings, tile.pass}, tile.rect, tile.blobs))
+        violation("is given wrong pixels");
+}
+
+void ClientNode::finish(const client::Outcome& outcome) {
+    JobReport& report = farm_.report.jobs[index_];
+    report.outcome = outcome.reason;
+    if (outcome.code == client::ExitCode::cancelled && report.acknowledged)
+        return farm_.agenda.after(2s, [this] { watch(); }); // it will be tried again
+    if (outcome.code == client::ExitCode::usage && !report.acknowledged)
+        return farm_.agenda.after(5s,
+                                  [this] { start(); }); // the disk was full; somebody tries again
+    over_ = true;
+    if (outcome.code == client::ExitCode::done)
+        look_whether_whole();
+}
+
+/// All that is wanted of it: of a job with a time limit the first pass.
+void ClientNode::look_whether_whole() {
+    JobReport& report = farm_.report.jobs[index_];
+    report.done = true;
+    report.done_at = farm_.now().since_start;
+    const auto end = job_.settings.limited_in_time()
+                         ? have_.begin() + static_cast<std::ptrdiff_t>(grid_.count())
+                         : have_.end();
+    if (have_.empty() || !std::all_of(have_.begin(), end, [](bool cell) { return cell; }))
+        violation("is done without all its pixels");
+}
+
+void ClientNode::violation(const std::string& what) {
+    farm_.violation("job " + std::to_string(index_) + " " + what);
+}
+
+} // namespace fraja::sim

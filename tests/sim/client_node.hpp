@@ -1,0 +1,81 @@
+// Clients of a pretended farm: their real cores, and what is looked at in what they are given.
+#pragma once
+
+#include "client/core.hpp"
+#include "common/protocol/cells.hpp"
+#include "tests/sim/network.hpp"
+#include "tests/sim/stream.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+namespace fraja::sim {
+
+/// Runs one core after the other: a client's shell.
+class CoreRunner {
+public:
+    /// `name` goes into the history.
+    CoreRunner(Farm& farm, Network& network, Stream& stream, std::uint64_t name);
+    CoreRunner(const CoreRunner&) = delete; // the network knows where it is
+    CoreRunner& operator=(const CoreRunner&) = delete;
+
+    /// After the last one has finished, but not within its last news.
+    void start(std::unique_ptr<client::Core> core,
+               std::function<void(const client::News&)> on_news);
+    [[nodiscard]] bool is_running() const { return process_.running; }
+    [[nodiscard]] Process& process() { return process_; }
+
+private:
+    void step(const client::Event& event);
+    void perform(std::vector<client::Action>& actions);
+    /// False: it could not be sent.
+    bool perform(client::Connect&&);
+    bool perform(client::OpenStream&&);
+    bool perform(client::Subscribe&& subscribe);
+    bool perform(client::Unsubscribe&& unsubscribe);
+    bool perform(client::Send&& send) { return network_.to_broker(process_, send.message); }
+    bool perform(client::News&& news);
+
+    Farm& farm_;
+    Network& network_;
+    Stream& stream_;
+    std::uint64_t name_;
+    Process process_;
+    Subscriber subscriber_;
+    std::unique_ptr<client::Core> core_;
+    std::function<void(const client::News&)> on_news_;
+};
+
+/// Submits a job and follows it to its end, also when it was cancelled meanwhile.
+class ClientNode {
+public:
+    ClientNode(Farm& farm, Network& network, Stream& stream, std::size_t index);
+
+    void start();
+    [[nodiscard]] bool is_over() const { return over_; }
+    [[nodiscard]] const JobId& job() const { return job_.job; }
+    [[nodiscard]] Process& process() { return runner_.process(); }
+
+private:
+    void watch();
+    void take(const client::News& news);
+    void take(const protocol::TileDone& tile);
+    void begin_following(const protocol::JobState& state);
+    void finish(const client::Outcome& outcome);
+    void look_whether_whole();
+    void violation(const std::string& what);
+
+    Farm& farm_;
+    std::size_t index_;
+    CoreRunner runner_;
+    protocol::SubmitJob job_;
+    bool over_ = false, watching_ = false;
+    protocol::CellGrid grid_;
+    std::vector<bool> have_; ///< cells of all passes that it was given
+};
+
+} // namespace fraja::sim

@@ -1,0 +1,150 @@
+#include "tests/sim/network.hpp"
+
+#include <algorithm>
+
+namespace fraja::sim {
+
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr std::uint32_t hurries_max = 1'000;
+
+} // namespace
+
+// ------------------------------------------------------------------------------------- processes
+
+void Network::begin_life(Process& process) {
+    ++process.life;
+    process.running = true;
+    process.frozen_until = farm_.now();
+}
+
+void Network::end_life(Process& process) {
+    process.running = false;
+    ++process.life;
+    process.backlog.clear();
+    process.deadline = process.planned = Instant::never();
+}
+
+void Network::thaw_when_due(Process& process) {
+    farm_.agenda.at(process.frozen_until, [this, &process, life = process.life] {
+        while (process.life == life && !process.backlog.empty()) {
+            if (farm_.now() < process.frozen_until)
+                return thaw_when_due(process);
+            Deed deed = std::move(process.backlog.front());
+            deed();
+            if (process.life == life) // and last: what comes meanwhile goes behind
+                process.backlog.pop_front();
+        }
+    });
+}
+
+// Deadlines move with every step: so one tick is planned, and looks again when it comes too soon.
+void Network::wake(Process& process, Instant deadline) {
+    if (deadline > farm_.now())
+        process.hurries = 0;
+    else if (++process.hurries == hurries_max)
+        farm_.violation("a program's deadline is over again and again: it spins");
+    process.deadline =
+        deadline == Instant::never() ? deadline : std::max(deadline, farm_.now() + 1us);
+    if (process.deadline < process.planned)
+        plan_tick(process, process.deadline);
+}
+
+void Network::plan_tick(Process& process, Instant when) {
+    process.planned = when;
+    farm_.agenda.at(when, [this, &process, when, life = process.life] {
+        if (process.life != life || process.planned != when)
+            return;
+        process.planned = Instant::never();
+        if (process.deadline == Instant::never())
+            return;
+        if (process.deadline > when)
+            return plan_tick(process, process.deadline);
+        process.deadline = Instant::never();
+        in_process(process, [&process] { process.tick(); });
+    });
+}
+
+// ----------------------------------------------------------------------------------------- lines
+
+Instant Network::arrival(const Line& line, Instant& last) {
+    last = std::max({last, farm_.now() + farm_.delay(), line.silent_until});
+    return last;
+}
+
+void Network::connect(Process& process, const std::function<void()>& connected) {
+    if (std::ranges::find(known_, &process) == known_.end())
+        known_.push_back(&process);
+    const std::uint64_t life = process.life, generation = ++process.line.generation;
+    process.line.up = false;
+    farm_.agenda.after(farm_.delay(), [this, &process, life, generation, connected] {
+        if (!process.running || process.life != life || process.line.generation != generation)
+            return;
+        if (!broker_.running || farm_.now() < process.line.silent_until)
+            return farm_.agenda.after(100ms, [this, &process, life, generation, connected] {
+                if (process.life == life && process.line.generation == generation)
+                    connect(process, connected);
+            });
+        process.line.up = true;
+        process.line.to_broker = process.line.to_node = farm_.now();
+        process.line.peer = "peer " + std::to_string(++peers_);
+        lines_[process.line.peer] = {&process, generation};
+        if (connected)
+            connected();
+    });
+}
+
+void Network::disconnect(Process& process) {
+    if (!process.line.up)
+        return;
+    lines_.erase(process.line.peer);
+    process.line.up = false;
+    ++process.line.generation;
+}
+
+void Network::break_line(Process& process) {
+    if (!process.running)
+        return;
+    disconnect(process);
+    connect(process, process.reconnected);
+}
+
+void Network::break_all_lines() {
+    for (std::size_t i = 0; i < known_.size(); ++i)
+        break_line(*known_[i]);
+}
+
+bool Network::to_broker(Process& process, protocol::Message& message) {
+    if (!process.line.up)
+        return false;
+    farm_.agenda.at(arrival(process.line, process.line.to_broker),
+                    [this, &process, generation = process.line.generation, peer = process.line.peer,
+                     message = std::move(message)]() mutable {
+                        if (process.line.generation == generation)
+                            in_process(broker_, [this, peer = std::move(peer),
+                                                 message = std::move(message)]() mutable {
+                                broker_hears(std::move(peer), std::move(message));
+                            });
+                    });
+    return true;
+}
+
+bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
+    const auto found = lines_.find(peer);
+    if (found == lines_.end())
+        return false;
+    Process& process = *found->second.first;
+    farm_.agenda.at(arrival(process.line, process.line.to_node),
+                    [this, &process, generation = found->second.second,
+                     message = std::move(message)]() mutable {
+                        if (process.line.generation == generation && process.line.up)
+                            in_process(process, [&process, message = std::move(message)]() mutable {
+                                process.hear(std::move(message));
+                            });
+                    });
+    return true;
+}
+
+} // namespace fraja::sim

@@ -1,0 +1,83 @@
+// The network: processes that hear and are heard late, or not at all.
+#pragma once
+
+#include "broker/events.hpp"
+#include "common/protocol/messages.hpp"
+#include "tests/sim/farm.hpp"
+
+#include <deque>
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace fraja::sim {
+
+/// From a node to the broker and back: in order each way, lost when it breaks.
+struct Line {
+    std::uint64_t generation = 0; ///< of the connection; another one, another peer
+    bool up = false;
+    broker::PeerId peer;            ///< while it is up
+    Instant to_broker{}, to_node{}; ///< when the last message arrives
+    Instant silent_until{};
+};
+
+/// One of the farm's programs. Whatever comes to one that stands still waits, in order.
+struct Process {
+    std::uint64_t life = 0; ///< counts its starts and ends
+    bool running = false;
+    Instant frozen_until{};
+    std::deque<Deed> backlog;                                        ///< of what came since
+    Instant deadline = Instant::never(), planned = Instant::never(); ///< of its next tick
+    std::uint32_t hurries = 0; ///< ticks that were due at once, one after the other
+    Line line;
+    std::function<void(protocol::Message&&)> hear; ///< from the broker
+    std::function<void()> reconnected; ///< its socket has found the broker again by itself
+    std::function<void()> tick;
+};
+
+class Network {
+public:
+    Network(Farm& farm, Process& broker) : farm_(farm), broker_(broker) {}
+
+    std::function<void(broker::PeerId, protocol::Message&&)> broker_hears;
+
+    template <class F>
+    void in_process(Process& process, F deed) {
+        if (!process.running)
+            return;
+        if (process.backlog.empty() && farm_.now() >= process.frozen_until)
+            return deed();
+        process.backlog.emplace_back(std::move(deed));
+        if (process.backlog.size() == 1)
+            thaw_when_due(process);
+    }
+    void begin_life(Process& process);
+    void end_life(Process& process);
+    /// Its tick is due then; any that was planned is not.
+    void wake(Process& process, Instant deadline);
+
+    /// A process that connects is known to the network from then on: it must stay where it is.
+    void connect(Process& process, const std::function<void()>& connected = {});
+    void disconnect(Process& process);
+    void break_line(Process& process);
+    void break_all_lines();
+    /// Whether it left; then it is moved from.
+    bool to_broker(Process& process, protocol::Message& message);
+    /// False: there is no such peer.
+    bool to_node(const broker::PeerId& peer, protocol::Message&& message);
+
+private:
+    void thaw_when_due(Process& process);
+    void plan_tick(Process& process, Instant when);
+    [[nodiscard]] Instant arrival(const Line& line, Instant& last);
+
+    Farm& farm_;
+    Process& broker_;
+    std::uint64_t peers_ = 0;
+    std::map<broker::PeerId, std::pair<Process*, std::uint64_t>> lines_;
+    std::vector<Process*> known_;
+};
+
+} // namespace fraja::sim

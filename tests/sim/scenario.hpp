@@ -1,0 +1,107 @@
+// What a pretended farm is like and what goes wrong in it, and what is told of it in the end.
+#pragma once
+
+#include "broker/limits.hpp"
+#include "common/base/instant.hpp"
+#include "common/protocol/messages.hpp"
+#include "tests/sim/work_map.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace fraja::sim {
+
+/// What goes wrong, until `heals_at`. Of each kind of accident the mean time between two; zero:
+/// none.
+struct Faults {
+    Duration heals_at{};
+    Duration delay_min = std::chrono::microseconds(50); ///< of every message
+    Duration delay_max = std::chrono::milliseconds(2);
+    /// A node's connection breaks: what is under way is lost, and it is found again.
+    Duration breaks_every{};
+    /// A node hears and is heard late, by up to `partition_max`; beyond `patience` its connection
+    /// has broken meanwhile.
+    Duration partitions_every{}, partition_max = std::chrono::seconds(20);
+    Duration worker_crashes_every{}, broker_crashes_every{};
+    Duration restart_max = std::chrono::seconds(5);
+    /// A process stands still, as by SIGSTOP.
+    Duration hangs_every{}, hang_max = std::chrono::seconds(10);
+    double stream_drop = 0;     ///< share of published messages that a subscriber misses
+    double hung_tiles = 0;      ///< share of tiles that never end and trace no ray
+    double machine_crashes = 0; ///< share of the broker's crashes that its disk forgets writes in
+    Duration disk_errors_every{}, disk_error_max = std::chrono::seconds(20);
+    Duration clock_jumps_every{}, clock_jump_max = std::chrono::hours(24); ///< the wall clock's
+    Duration controls_every{}; ///< somebody pauses and cancels jobs, and drains workers
+};
+
+struct WorkerPlan {
+    std::uint32_t threads = 1;
+    double rays_per_s = 1e6; ///< of a thread
+    std::vector<std::string> tags;
+};
+
+struct JobPlan {
+    Duration at{}; ///< when it is submitted
+    protocol::PictureSettings settings;
+    std::uint32_t tile_side = 0;
+    protocol::TileOrder order = protocol::TileOrder::automatic;
+    std::int32_t priority = 0;
+    protocol::Wishes wishes;
+    std::size_t scene_bytes = 100;
+    WorkMap work; ///< of a pass, that of 4 samples
+};
+
+struct StorePlan {
+    bool there = false;
+    Duration commit_max = std::chrono::milliseconds(20); ///< that one takes
+};
+
+struct Scenario {
+    std::uint64_t seed = 0;
+    Faults faults;
+    broker::Limits limits;
+    StorePlan store;
+    std::vector<WorkerPlan> workers;
+    std::vector<JobPlan> jobs;
+    Duration compile_min = std::chrono::milliseconds(1); ///< of a scene at a worker
+    Duration compile_max = std::chrono::milliseconds(50);
+    bool pixels = true; ///< no: all tiles are black, and nobody looks
+    /// By then every job must have ended.
+    Duration ends_at = std::chrono::minutes(10);
+};
+
+struct JobReport {
+    bool acknowledged = false, done = false;
+    Duration submitted_at{}, acknowledged_at{}, done_at{};
+    std::string outcome; ///< of its client, where it is no success
+};
+
+/// What a worker's threads did.
+struct WorkerReport {
+    Duration busy{};                        ///< of all threads
+    Duration first_start = Duration::max(); ///< of a tile
+    Duration last_end{};
+    std::uint64_t tiles = 0;
+};
+
+struct Report {
+    std::vector<std::string> violations; ///< of what is promised; none is what is wanted
+    std::vector<JobReport> jobs;
+    std::vector<WorkerReport> workers;
+    Duration ended_at{};
+    double useful_rays = 0;     ///< of what was accepted first
+    Duration probe{};           ///< that probes took
+    std::uint64_t events = 0;   ///< steps of cores
+    std::uint64_t history = 0;  ///< a hash of all that happened, in order
+    std::uint64_t restarts = 0; ///< of the broker
+    std::uint64_t tiles = 0;    ///< that clients got
+};
+
+[[nodiscard]] Report run(const Scenario& scenario);
+
+/// A small farm with every kind of accident, as the seed will have it.
+[[nodiscard]] Scenario random_scenario(std::uint64_t seed);
+
+} // namespace fraja::sim
