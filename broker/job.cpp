@@ -245,6 +245,12 @@ OpenTileId Job::cut(OpenTileId id, double work_wanted) {
             return id;
         overlapping_ = overlapping_ || tile.was_assigned; // its worker may still answer
         const auto [first, second] = halves(tile.tile.cells);
+        // One half may be done: by a part, when the whole was given out again, or by a late answer.
+        if (const bool first_is_done = all_cells_done({tile.tile.pass, first});
+            first_is_done || all_cells_done({tile.tile.pass, second})) {
+            tile.tile.cells = first_is_done ? second : first;
+            continue;
+        }
         OpenTile rest = tile;
         rest.tile.cells = second;
         tile.tile.cells = first;
@@ -368,6 +374,9 @@ void Job::overbook(OpenTileId id, std::uint32_t parts) {
         pieces.push_back(first);
         pieces.push_back(second);
     }
+    std::erase_if(pieces, [&](const CellRect& cells) {
+        return all_cells_done({whole.tile.pass, cells}); // by parts of an earlier time
+    });
     whole.covered = true;
     whole.parts = static_cast<std::uint32_t>(pieces.size());
     for (const CellRect& cells : pieces)

@@ -179,6 +179,31 @@ TEST_CASE("nothing is lost when the whole is lost, nor when a part is, nor both"
     }
 }
 
+TEST_CASE("of a tile that is done in part, what is done is not handed out again") {
+    Desk desk{Job(automatic(64, 64), 1, "c")};
+    const auto whole = desk.hand_out(1, 1e9);
+    desk.job.overbook(whole->id, 2);
+    const auto second = desk.hand_out(2, 1e9), first = desk.hand_out(3, 1e9);
+    (void)desk.finish(*first);
+
+    SUBCASE("when both workers are lost, and it is cut") {
+        desk.job.requeue(second->id); // the whole is still at its worker
+        desk.job.requeue(whole->id);
+        const auto rest = desk.hand_out(2, 64 * 64 / 2);
+        REQUIRE(rest);
+        CHECK(rest->tile == second->tile);
+    }
+    SUBCASE("when others help out once more") {
+        desk.job.requeue(second->id);
+        REQUIRE(desk.job.can_overbook(whole->id));
+        desk.job.overbook(whole->id, 2);
+        const auto rest = desk.hand_out(2, 1e9);
+        REQUIRE(rest);
+        CHECK(rest->tile == second->tile);
+        CHECK_FALSE(desk.hand_out(3, 1e9));
+    }
+}
+
 TEST_CASE("parts of parts can be overbooked, and no more") {
     Desk desk{Job(automatic(64, 64), 1, "c")};
     auto handed = desk.hand_out(1, 1e9);
