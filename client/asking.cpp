@@ -28,6 +28,7 @@ void Asking::step(Instant now, const Event& event, std::vector<Action>& actions)
     case Session::Change::gave_up:
         return finish(session_.failure(), actions);
     case Session::Change::opened:
+        finds_pending_ = 0;
         return ask(now, actions);
     case Session::Change::none:
         break;
@@ -61,14 +62,23 @@ void Asking::ask(Instant now, std::vector<Action>& actions) {
         return actions.emplace_back(Send{protocol::ControlWorker{worker->worker, worker->deed}}),
                void();
     const auto& question = std::get<JobQuestion>(question_);
-    if (job_)
+    if (job_) {
         actions.emplace_back(Send{protocol::ControlJob{*job_, *question.deed, question.priority}});
-    else
+    } else {
+        ++finds_pending_;
         actions.emplace_back(Send{protocol::FindJob{question.job}});
+    }
 }
 
 void Asking::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
     const auto* question = std::get_if<JobQuestion>(&question_);
+    // Answers come in order: of a FindJob that was repeated there are two, and the second says
+    // nothing of what was asked for since.
+    const bool finds = finds_pending_ > 0;
+    if (finds)
+        --finds_pending_;
+    if (finds && job_)
+        return;
     if (!question || (job_ && state.job != *job_))
         return;
     if (!job_ && question->deed) {

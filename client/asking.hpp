@@ -4,6 +4,7 @@
 #include "client/core.hpp"
 #include "client/session.hpp"
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <variant>
@@ -39,7 +40,8 @@ private:
 
     Question question_;
     Session session_;
-    std::optional<JobId> job_; ///< once it is found
+    std::optional<JobId> job_;        ///< once it is found
+    std::uint32_t finds_pending_ = 0; ///< FindJobs without an answer on this session
     bool finished_ = false;
     Instant ask_due_ = Instant::never();
 };

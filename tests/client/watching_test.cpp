@@ -3,6 +3,7 @@
 #include "client/asking.hpp"
 #include "tests/client/fake_farm.hpp"
 
+#include <algorithm>
 #include <doctest/doctest.h>
 
 using namespace fraja;
@@ -96,4 +97,34 @@ TEST_CASE("a question is asked until it is answered") {
         CHECK(farm.outcome == Outcome{});
         CHECK(is_over(farm.states.back().phase));
     }
+}
+
+TEST_CASE("what is found twice is no answer to what was asked since") {
+    Asking asking(JobQuestion{"cone", protocol::JobDeed::cancel}, session());
+    std::vector<Action> actions;
+    asking.start(Instant{}, actions);
+    const auto hear = [&](protocol::Message message) {
+        actions.clear();
+        asking.step(Instant{} + 3s, FromBroker{std::move(message)}, actions);
+    };
+    const auto is_over = [&] {
+        return std::ranges::any_of(actions, [](const Action& action) {
+            const auto* news = std::get_if<News>(&action);
+            return news && std::holds_alternative<Finished>(*news);
+        });
+    };
+    protocol::Welcome welcome;
+    welcome.heartbeat = 10s;
+    welcome.liveness = 3;
+    hear(welcome);
+    asking.step(Instant{} + 6s, Tick{}, actions); // no answer yet: it asks again
+    protocol::JobState state;
+    state.phase = protocol::JobPhase::running;
+    hear(state); // to the first FindJob
+    CHECK_FALSE(is_over());
+    hear(state); // to the second
+    CHECK_FALSE(is_over());
+    state.phase = protocol::JobPhase::cancelled;
+    hear(state);
+    CHECK(is_over());
 }
