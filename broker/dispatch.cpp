@@ -136,10 +136,23 @@ bool Dispatcher::suits(const WorkerSession& worker, const PeerId& peer, const Jo
     if (wishes.workers_max > 0 && job.workers().size() >= wishes.workers_max &&
         !job.workers().contains(peer))
         return false;
-    return std::ranges::all_of(wishes.tags, [&](const std::string& wanted) {
+    return has_tags(worker, job);
+}
+
+bool Dispatcher::has_tags(const WorkerSession& worker, const Job& job) {
+    return std::ranges::all_of(job.submission().wishes.tags, [&](const std::string& wanted) {
         return std::ranges::any_of(worker.hello.tags,
                                    [&](const std::string& tag) { return fits(wanted, tag); });
     });
+}
+
+/// Who may draw it at all: a tile that failed on one of them is left to the others.
+std::size_t Dispatcher::workers_for(const Job& job) const {
+    if (job.submission().wishes.tags.empty() || !job.has_failures())
+        return workers_with_credit_;
+    return static_cast<std::size_t>(std::ranges::count_if(workers_, [&](const auto& entry) {
+        return entry.second.room() > 0 && has_tags(entry.second, job);
+    }));
 }
 
 /// Deals it out, if it can be. By work: when a probe has told of that.
@@ -218,7 +231,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
     const auto handed = job.assign_next({.worker = worker.hello.worker,
                                          .peer = peer,
                                          .work_wanted = work_wanted(worker, job),
-                                         .workers_with_credit = workers_with_credit_,
+                                         .workers_with_credit = workers_for(job),
                                          .attempt = attempt});
     if (!handed)
         return false;

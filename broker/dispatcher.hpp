@@ -152,6 +152,8 @@ private:
     void give_out();
     [[nodiscard]] Job* job_for_next_tile();
     [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer, const Job& job) const;
+    [[nodiscard]] static bool has_tags(const WorkerSession& worker, const Job& job);
+    [[nodiscard]] std::size_t workers_for(const Job& job) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
     bool grant(const PeerId& peer, WorkerSession& worker, Job& job);
     bool grant_probe(const PeerId& peer, WorkerSession& worker, Job& job);

@@ -409,6 +409,7 @@ std::uint32_t Job::count_failure(OpenTileId id, const WorkerId& worker) {
     const auto found = open_.find(id);
     if (found == open_.end())
         return 0;
+    has_failures_ = true;
     found->second.failed_on.push_back(worker);
     return static_cast<std::uint32_t>(found->second.failed_on.size());
 }

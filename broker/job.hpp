@@ -85,8 +85,8 @@ public:
         /// As much as it should be given at once; of automatic tiles, a larger one is cut.
         double work_wanted = 0;
         /// A tile that failed on this worker is left to others while there are any.
-        std::size_t workers_with_credit = 1;
-        AttemptNumber attempt{}; ///< under which it is handed out; never used before
+        std::size_t workers_with_credit = 1; ///< of those who may draw it
+        AttemptNumber attempt{};             ///< under which it is handed out; never used before
     };
     struct Handed {
         OpenTileId id{};
@@ -131,6 +131,8 @@ public:
     void requeue(OpenTileId id);
     /// Counts a failure of the tile, if it is still open, and returns how many it has had.
     std::uint32_t count_failure(OpenTileId id, const WorkerId& worker);
+    /// Some tile of it has ever failed.
+    [[nodiscard]] bool has_failures() const { return has_failures_; }
 
     /// What is not needed any more: it is at that worker.
     struct Unwanted {
@@ -258,6 +260,7 @@ private:
     std::size_t in_flight_count_ = 0;
     double work_in_flight_ = 0;
     std::map<PeerId, std::uint32_t> workers_;
+    bool has_failures_ = false;
     bool overlapping_ = false; ///< tiles have been open that share cells
     bool dealt_out_ = false, stealing_ = false;
 

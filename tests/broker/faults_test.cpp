@@ -129,6 +129,26 @@ TEST_CASE("the only worker is asked again although the tile failed there") {
     CHECK(farm.state(job).phase == JobPhase::failed);
 }
 
+TEST_CASE("the only worker with a job's tags is asked again although the tile failed there") {
+    Farm f;
+    f.say("worker", WorkerHello{.worker = id_of<WorkerId>(1),
+                                .incarnation = 1,
+                                .worker_name = "worker",
+                                .threads = 1,
+                                .credit = 1,
+                                .speed_rays_per_s = 0,
+                                .memory_bytes = 0,
+                                .tags = {"gpu"},
+                                .program_version = "test"});
+    f.worker_arrives("without", 2, 1, 1);
+    SubmitJob job = Farm::picture(1, 1);
+    job.wishes.tags = {"gpu"};
+    f.submit("client", job);
+    f.fail("worker", f.tiles("worker").at(0), FailureCode::machine);
+    CHECK(f.tiles("worker").size() == 1);
+    CHECK(f.tiles("without").empty());
+}
+
 TEST_CASE("a fault of the scene fails the job at once") {
     Farm farm;
     const JobId job = farm.submit(1, 8);
