@@ -2,12 +2,25 @@
 
 #include <chrono>
 #include <string>
+#include <variant>
 
 namespace fraja::sim {
 
 using namespace std::chrono_literals;
 using protocol::JobDeed;
 using protocol::WorkerDeed;
+
+namespace {
+
+std::string described(const client::Question& wish) {
+    if (const auto* worker = std::get_if<client::WorkerQuestion>(&wish))
+        return worker->worker + (worker->deed == WorkerDeed::drain ? " drain" : " undrain");
+    const auto& job = std::get<client::JobQuestion>(wish);
+    constexpr const char* deeds[] = {"cancel", "pause", "resume", "retry", "set priority"};
+    return job.job + " " + deeds[static_cast<std::size_t>(*job.deed)];
+}
+
+} // namespace
 
 Administrator::Administrator(Farm& farm, Network& network, Stream& stream,
                              const std::vector<std::unique_ptr<ClientNode>>& clients)
@@ -55,6 +68,8 @@ void Administrator::ask_next() {
                   [this](const client::News& news) {
                       if (!std::holds_alternative<client::Finished>(news))
                           return;
+                      farm_.log("administrator: " + described(wishes_.front()) + ": " +
+                                std::get<client::Finished>(news).outcome.reason);
                       wishes_.pop_front();
                       farm_.agenda.after(1ms, [this] { ask_next(); });
                   });

@@ -78,6 +78,12 @@ void BrokerNode::step(broker::Event&& first) {
     network_.wake(process_, dispatcher_->next_deadline());
 }
 
+void BrokerNode::describe() const {
+    if (dispatcher_)
+        for (const std::string& line : dispatcher_->describe(farm_.now()))
+            farm_.log(line);
+}
+
 void BrokerNode::perform(broker::Send&& send) {
     if (!network_.to_node(send.peer, std::move(send.message)))
         events_.push_back(broker::PeerUnreachable{send.peer});

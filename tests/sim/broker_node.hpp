@@ -22,6 +22,8 @@ public:
     /// And starts again, in its time.
     void crash();
     void fail_disk() { disk_.fail_for(farm_.between({}, farm_.scenario.faults.disk_error_max)); }
+    /// What it has to do, into the log.
+    void describe() const;
     void set_clock(Duration offset) { disk_.set_clock(offset); }
 
 private:
@@ -31,7 +33,7 @@ private:
     void perform(broker::Persist&& persist) { disk_.enqueue(std::move(persist)); }
     void perform(broker::SendStored&& wish);
     void perform(broker::LoadScene&& load);
-    void perform(broker::Log&&) {}
+    void perform(broker::Log&& line) { farm_.log("broker: " + line.text); }
 
     Farm& farm_;
     Process& process_;

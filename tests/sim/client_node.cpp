@@ -183,6 +183,7 @@ void ClientNode::take(const protocol::TileDone& tile) {
 void ClientNode::finish(const client::Outcome& outcome) {
     JobReport& report = farm_.report.jobs[index_];
     report.outcome = outcome.reason;
+    farm_.log("client " + std::to_string(index_) + " is through: " + outcome.reason);
     if (outcome.code == client::ExitCode::cancelled && report.acknowledged)
         return farm_.agenda.after(2s, [this] { watch(); }); // it will be tried again
     if (outcome.code == client::ExitCode::usage && !report.acknowledged)

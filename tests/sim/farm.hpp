@@ -71,6 +71,10 @@ struct Farm {
         });
     }
 
+    void log(const std::string& what) const {
+        if (scenario.on_log)
+            scenario.on_log(now(), what);
+    }
     void violation(std::string what) {
         report.violations.push_back(std::to_string(seconds(now().since_start)) +
                                     " s: " + std::move(what));

@@ -1,4 +1,4 @@
-// fraja-sim [--hours H] [--seed S]: farms in pretend time, each with accidents of its own.
+// fraja-sim: farms in pretend time, each with accidents of its own.
 #include "tests/sim/scenario.hpp"
 
 #include <charconv>
@@ -7,6 +7,20 @@
 
 namespace {
 
+using namespace fraja;
+
+constexpr auto usage = "fraja-sim [--hours H] [--from S] [--failures N] | --seed S\n"
+                       "  --hours H     of pretend time, farm after farm; 10 without it\n"
+                       "  --from S      the first farm's seed; 1 without it\n"
+                       "  --failures N  are enough: ends then\n"
+                       "  --seed S      that farm alone, with all that its programs say\n";
+
+struct Options {
+    double hours = 10;
+    std::uint64_t from = 1, failures_max = UINT64_MAX;
+    bool one = false;
+};
+
 template <class T>
 bool read(const char* text, T& value) {
     const std::string_view t = text ? text : "";
@@ -14,37 +28,51 @@ bool read(const char* text, T& value) {
     return error == std::errc() && end == t.data() + t.size();
 }
 
+bool read_option(std::string_view word, const char* value, Options& options) {
+    if (word == "--seed")
+        options.one = true;
+    return word == "--hours"                      ? read(value, options.hours)
+           : word == "--failures"                 ? read(value, options.failures_max)
+           : word == "--from" || word == "--seed" ? read(value, options.from)
+                                                  : false;
+}
+
 } // namespace
 
 int main(int argc, char** argv) {
-    using namespace fraja;
-    double hours = 10;
-    std::uint64_t first = 1;
-    bool one = false;
-    for (int i = 1; i < argc; i += 2) {
-        const std::string_view word = argv[i];
-        if (!(word == "--hours" && read(argv[i + 1], hours)) &&
-            !((one = word == "--seed") && read(argv[i + 1], first))) {
-            fmt::print(stderr, "fraja-sim [--hours H] [--seed S]\n"
-                               "  --hours H  of pretend time, farm after farm; 10 without it\n"
-                               "  --seed S   that farm alone\n");
+    Options options;
+    for (int i = 1; i < argc; i += 2)
+        if (!read_option(argv[i], argv[i + 1], options)) {
+            fmt::print(stderr, "{}", usage);
             return 2;
         }
-    }
     Duration total{};
-    std::uint64_t events = 0, seed = first;
-    int failed = 0;
-    for (; one ? seed == first : seconds(total) < 3600 * hours; ++seed) {
-        const sim::Report report = sim::run(sim::random_scenario(seed));
+    std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, seed = options.from;
+    const auto goes_on = [&] {
+        return options.one ? seed == options.from
+                           : seconds(total) < 3600 * options.hours && failed < options.failures_max;
+    };
+    for (; goes_on(); ++seed) {
+        sim::Scenario scenario = sim::random_scenario(seed);
+        if (options.one)
+            scenario.on_log = [](Instant now, const std::string& line) {
+                fmt::print("{:.6f} {}\n", seconds(now.since_start), line);
+            };
+        const sim::Report report = sim::run(scenario);
         total += report.ended_at;
         events += report.events;
+        restarts += report.restarts;
+        tiles += report.tiles;
         for (const std::string& violation : report.violations)
             fmt::print("seed {}: {}\n", seed, violation);
         failed += !report.violations.empty();
-        if (one)
+        if (options.one)
             fmt::print("history {:016x}\n", report.history);
     }
-    fmt::print("{} farms, {:.2f} hours, {} events, {} failed\n", seed - first,
-               seconds(total) / 3600, events, failed);
+    fmt::print(
+        "seeds {} to {}: {} farms, {:.2f} hours, {} events, {} tiles, {} restarts of brokers, "
+        "{} failed\n",
+        options.from, seed - 1, seed - options.from, seconds(total) / 3600, events, tiles, restarts,
+        failed);
     return failed > 0;
 }

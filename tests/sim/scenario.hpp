@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -68,6 +69,7 @@ struct Scenario {
     Duration compile_min = std::chrono::milliseconds(1); ///< of a scene at a worker
     Duration compile_max = std::chrono::milliseconds(50);
     bool pixels = true; ///< no: all tiles are black, and nobody looks
+    std::function<void(Instant, const std::string&)> on_log; ///< what programs say; may be empty
     /// By then every job must have ended.
     Duration ends_at = std::chrono::minutes(10);
 };

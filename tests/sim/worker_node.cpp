@@ -90,6 +90,11 @@ void WorkerNode::perform(worker::Send&& send) {
     outbox_.push_back(std::move(send.message));
 }
 
+void WorkerNode::perform(worker::Log&& line) {
+    if (line.level != worker::LogLevel::debug)
+        farm_.log("worker " + std::to_string(index_) + ": " + line.text);
+}
+
 void WorkerNode::perform(worker::Finished&&) {
     farm_.violation("worker " + std::to_string(index_) + " gave up");
 }
@@ -193,6 +198,12 @@ void WorkerNode::perform(worker::StopTile&& stop) {
 }
 
 // ---------------------------------------------------------------------------------- what they draw
+
+bool WorkerNode::has_hung_threads() const {
+    return hung_threads_ > 0 || std::ranges::any_of(rendering_, [](const auto& rendering) {
+               return rendering.second.hangs;
+           });
+}
 
 double WorkerNode::rays_of(const worker::StartTile& tile) const {
     if (tile.probe_side > 0) {

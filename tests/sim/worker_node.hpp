@@ -21,7 +21,7 @@ public:
     void start();
     /// And starts again, in its time.
     void crash();
-    [[nodiscard]] bool has_hung_threads() const { return hung_threads_ > 0; }
+    [[nodiscard]] bool has_hung_threads() const;
     [[nodiscard]] Process& process() { return process_; }
 
 private:
@@ -32,7 +32,7 @@ private:
     void perform(worker::StartTile&& start);
     void perform(worker::StopTile&& stop);
     void perform(worker::ForgetScene&& forget) { scenes_.erase(forget.scene); }
-    void perform(worker::Log&&) {}
+    void perform(worker::Log&& line);
     void perform(worker::Finished&&);
     void start_waiting();
     void render(worker::StartTile&& tile);

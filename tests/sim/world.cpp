@@ -43,6 +43,7 @@ public:
         while (!farm_.agenda.empty() && !all_over() && farm_.agenda.next() <= end)
             farm_.agenda.run_next();
         farm_.report.ended_at = farm_.now().since_start;
+        broker_.describe();
         for (std::size_t i = 0; i < clients_.size(); ++i)
             if (const JobReport& job = farm_.report.jobs[i]; !job.done)
                 farm_.violation("job " + std::to_string(i) + " has not ended" +
