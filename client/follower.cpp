@@ -287,6 +287,8 @@ bool Follower::adopt(const protocol::JobState& state, std::vector<Action>& actio
         grid_ = grid_of(state);
         have_ = protocol::Bitmap(state.cell_count);
     }
+    if (state.epoch != state_.epoch && have_count_ > 0)
+        has_of_earlier_epochs_ = true;
     state_ = state;
     actions.push_back(News(StateChanged{state_}));
     return true;
@@ -334,7 +336,10 @@ void Follower::ask_if_due(Instant now, std::vector<Action>& actions) {
 void Follower::look_whether_complete() {
     if (!is_over(state_.phase))
         return;
-    if (have_count_ >= (has_all_tiles(state_) ? state_.cell_count : state_.done_count))
+    // What a broker had not stored when it died is here, and the next one does not have it: then
+    // numbers tell nothing, and a repair must be answered.
+    if (has_all_tiles(state_) ? have_count_ >= state_.cell_count
+                              : have_count_ >= state_.done_count && !has_of_earlier_epochs_)
         complete_ = true;
 }
 

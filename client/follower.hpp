@@ -79,6 +79,7 @@ private:
     protocol::Bitmap have_;
     std::uint32_t have_count_ = 0;
     bool complete_ = false, forgotten_ = false, caught_up_ = false;
+    bool has_of_earlier_epochs_ = false; ///< tiles that the broker may not have
     FollowerCounts counts_;
 
     Nonce nonce_;

@@ -149,6 +149,21 @@ TEST_CASE("a digest that counts more tiles than are here means that some were dr
     CHECK(repair_in(f.actions)->have == Bytes{std::byte{0b0100}});
 }
 
+TEST_CASE("tiles that a broker has lost with its restart do not make up for others") {
+    Following f;
+    f.step(FromStream{tile_of(f.job, 0)});
+    f.job.epoch = 2;
+    f.job.done_count = 1; // another one
+    f.job.phase = protocol::JobPhase::cancelled;
+    f.step(FromStream{f.job});
+    CHECK_FALSE(f.follower.is_complete());
+    REQUIRE(repair_in(f.actions).has_value());
+    f.step(FromBroker{tile_of(f.job, 3)});
+    f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+    CHECK(f.follower.is_complete());
+    CHECK(f.follower.have_count() == 2);
+}
+
 TEST_CASE("a state by the session is no digest: its tiles may still be on their way") {
     Following f;
     f.job.done_count = 3;
