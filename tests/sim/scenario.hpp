@@ -82,7 +82,8 @@ struct JobReport {
 
 /// What a worker's threads did.
 struct WorkerReport {
-    Duration busy{};                        ///< of all threads
+    Duration busy{};                        ///< of all threads, with tiles that were answered
+    Duration stopped{};                     ///< with tiles that were not wanted any more
     Duration first_start = Duration::max(); ///< of a tile
     Duration last_end{};
     std::uint64_t tiles = 0;

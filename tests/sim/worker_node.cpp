@@ -146,10 +146,10 @@ void WorkerNode::start_waiting() {
 void WorkerNode::render(worker::StartTile&& tile) {
     if (!farm_.healed() && farm_.scenario.faults.hung_tiles > 0 &&
         farm_.rng.unit() < farm_.scenario.faults.hung_tiles) {
-        rendering_[tile.ticket].hangs = true;
+        rendering_[tile.ticket] = {farm_.now(), true};
         return;
     }
-    rendering_[tile.ticket].hangs = false;
+    rendering_[tile.ticket] = {farm_.now(), false};
     WorkerReport& report = farm_.report.workers[index_];
     report.first_start = std::min(report.first_start, farm_.now().since_start);
     const double rays = rays_of(tile);
@@ -186,6 +186,9 @@ void WorkerNode::perform(worker::StopTile&& stop) {
         return;
     if (found->second.hangs)
         ++hung_threads_;
+    WorkerReport& report = farm_.report.workers[index_];
+    report.stopped += farm_.now() - found->second.since;
+    report.last_end = farm_.now().since_start;
     rendering_.erase(found);
     if (!farm_.healed() && farm_.rng.below(4) == 0)
         farm_.agenda.after(farm_.delay(), [this, life = process_.life, ticket = stop.ticket] {

@@ -42,6 +42,7 @@ private:
     [[nodiscard]] std::vector<float> probe(const worker::StartTile& tile) const;
 
     struct Rendering {
+        Instant since{};
         bool hangs = false;
     };
 
