@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
+#include <thread>
 #include <unistd.h>
 
 namespace fraja::e2e {
@@ -19,12 +20,6 @@ Process start(Words argv, Words env = {}) {
 Words with(Words first, const Words& rest) {
     first.insert(first.end(), rest.begin(), rest.end());
     return first;
-}
-
-Process start_broker(const Words& options) {
-    return start(with({program("fraja-broker"), "--bind", "tcp://127.0.0.1:0", "--publish",
-                       "tcp://127.0.0.1:0", "--state", "none"},
-                      options));
 }
 
 } // namespace
@@ -63,22 +58,46 @@ std::string local_picture(const Scratch& scratch, Words arguments, const std::st
     return bytes_of(path);
 }
 
-Farm::Farm(Words broker_options) : broker_(start_broker(broker_options)) {
-    const auto line = broker_.wait_for_line(
+Farm::Farm(Words broker_options, Words launcher)
+    : launcher_(std::move(launcher)), options_(std::move(broker_options)) {
+    if (std::ranges::find(options_, "--state") == options_.end())
+        options_.insert(options_.end(), {"--state", "none"});
+    const bool listens = start_broker();
+    INFO(broker_->story());
+    REQUIRE(listens);
+}
+
+bool Farm::start_broker() {
+    broker_ = start(
+        with(with(launcher_, {program("fraja-broker"), "--bind", endpoint_, "--publish", stream_}),
+             options_));
+    const auto line = broker_->wait_for_line(
         Process::Stream::out, [](std::string_view l) { return l.starts_with("listening "); },
         patience);
-    INFO(broker_.story());
-    REQUIRE(line.has_value());
+    if (!line)
+        return false;
     std::istringstream words(*line);
-    std::string listening;
-    words >> listening >> endpoint_;
+    std::string listening, stream;
+    words >> listening >> endpoint_ >> stream >> stream_;
     REQUIRE(endpoint_.starts_with("tcp://127.0.0.1:"));
+    REQUIRE(stream_.starts_with("tcp://127.0.0.1:"));
+    return true;
+}
+
+void Farm::start_broker_again() {
+    // Meanwhile somebody else may have had the port for a moment: the system hands out such ports
+    // to whoever connects, too.
+    for (int i = 0; i < 20 && !start_broker(); ++i)
+        std::this_thread::sleep_for(100ms);
+    const auto ended = broker_->wait_for_exit(0s);
+    INFO(broker_->story());
+    REQUIRE(!ended.has_value());
 }
 
 Process& Farm::add_worker(const std::string& name, Words options, Words env) {
     workers_.push_back(start(
         with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options), std::move(env)));
-    const auto here = broker_.wait_for_line(
+    const auto here = broker_->wait_for_line(
         Process::Stream::err,
         [&](std::string_view l) {
             return l.find("worker " + name + " is here") != std::string_view::npos;
@@ -93,7 +112,7 @@ Process& Farm::add_emulated(const std::string& name, std::size_t count, const Wo
     workers_.push_back(
         start(with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options)));
     std::size_t missing = count;
-    const auto all_here = broker_.wait_for_line(
+    const auto all_here = broker_->wait_for_line(
         Process::Stream::err,
         [&](std::string_view l) {
             return l.find("worker " + name + "/") != std::string_view::npos &&

@@ -73,8 +73,13 @@ std::string local_picture(const Scratch& scratch, Words arguments,
 
 class Farm {
 public:
-    /// Heartbeats are short, so that what is lost is found soon.
-    explicit Farm(Words broker_options = {"--heartbeat", "250ms"});
+    /// Heartbeats are short, so that what is lost is found soon. Nothing is kept where the options
+    /// do not say --state. `launcher`: words before the broker's own command line.
+    explicit Farm(Words broker_options = {"--heartbeat", "250ms"}, Words launcher = {});
+
+    /// Starts the broker again with the same options, at the endpoints that the first one had. Its
+    /// predecessor must have ended.
+    void start_broker_again();
 
     /// Starts a worker and waits until the broker has welcomed it.
     Process& add_worker(const std::string& name, Words options = {"-j", "1"}, Words env = {});
@@ -82,8 +87,9 @@ public:
     /// until the broker has welcomed them all.
     Process& add_emulated(const std::string& name, std::size_t count, const Words& options);
     [[nodiscard]] Process& worker(std::size_t i) { return workers_.at(i); }
-    [[nodiscard]] Process& broker() { return broker_; }
+    [[nodiscard]] Process& broker() { return *broker_; }
     [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
+    [[nodiscard]] const std::string& stream() const { return stream_; }
 
     /// fraja-submit to this broker, to its end.
     RunResult submit(Words arguments);
@@ -97,8 +103,12 @@ public:
     Process watch_from_the_start(const std::string& job, const Words& json_options);
 
 private:
-    Process broker_;
-    std::string endpoint_;
+    /// Starts a broker and waits until it listens; false: it has ended.
+    bool start_broker();
+
+    Words launcher_, options_;
+    std::string endpoint_ = "tcp://127.0.0.1:0", stream_ = "tcp://127.0.0.1:0";
+    std::optional<Process> broker_;
     std::vector<Process> workers_;
 };
 

@@ -1,0 +1,165 @@
+// Connections from strangers by the thousand: the broker's memory stays flat, and it goes on
+// working. A million of them by tools/chaos.
+#include "common/base/rng.hpp"
+#include "tests/e2e/farm.hpp"
+
+#include <arpa/inet.h>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <deque>
+#include <fstream>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+namespace {
+
+/// Resident memory of a process, in MiB.
+double resident_mib(pid_t pid) {
+    std::ifstream in("/proc/" + std::to_string(pid) + "/statm");
+    double total = 0, resident = 0;
+    in >> total >> resident;
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
+}
+
+std::string noise(Rng& rng, std::size_t size) {
+    std::string bytes(size, 0);
+    for (char& c : bytes)
+        c = static_cast<char>(rng.next());
+    return bytes;
+}
+
+/// ZMTP 3.0 (rfc.zeromq.org/spec/23): signature, version, mechanism, and 32 bytes of nothing.
+std::string greeting() {
+    std::string bytes("\xff\0\0\0\0\0\0\0\1\x7f\3\0NULL", 16);
+    bytes.resize(64);
+    return bytes;
+}
+
+std::string frame(int flags, const std::string& body) {
+    return std::string{static_cast<char>(flags), static_cast<char>(body.size())} + body;
+}
+
+std::string ready(const std::string& socket_type) {
+    const std::string name = "Socket-Type";
+    std::string body = "\5READY";
+    body += static_cast<char>(name.size());
+    body += name + std::string(3, 0);
+    body += static_cast<char>(socket_type.size());
+    return frame(4, body + socket_type);
+}
+
+/// What a stranger says on its one connection.
+std::string speech(Rng& rng) {
+    switch (rng.below(6)) {
+    case 0:
+        return {};
+    case 1:
+        return noise(rng, rng.below(200));
+    case 2:
+        return greeting().substr(0, rng.below(64));
+    case 3:
+        return greeting() + noise(rng, rng.below(200));
+    default: {
+        std::string bytes = greeting() + ready(rng.below(2) == 0 ? "DEALER" : "SUB");
+        for (std::uint64_t i = rng.below(8); i > 0; --i)
+            bytes += frame(static_cast<int>(rng.below(2)), noise(rng, rng.below(100)));
+        return bytes;
+    }
+    }
+}
+
+/// Each from an address of its own, or ports would run out: all of 127.0.0.0/8 is this machine.
+int connect_from_somewhere(Rng& rng, const std::string& endpoint) {
+    const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    REQUIRE(fd >= 0);
+    const int late = 1;
+    ::setsockopt(fd, IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, &late, sizeof late);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr =
+        htonl(INADDR_LOOPBACK + static_cast<std::uint32_t>(1 + rng.below(60'000)));
+    ::bind(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_port =
+        htons(static_cast<std::uint16_t>(std::stoi(endpoint.substr(endpoint.rfind(':') + 1))));
+    REQUIRE(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0);
+    return fd;
+}
+
+/// So many, some of them at a time.
+class Strangers {
+public:
+    Strangers(const Farm& farm, std::uint64_t seed) : farm_(farm), rng_(seed) {}
+    ~Strangers() {
+        while (!connections_.empty())
+            drop_oldest();
+    }
+    Strangers(const Strangers&) = delete;
+    Strangers& operator=(const Strangers&) = delete;
+
+    void come(std::uint64_t count) {
+        constexpr std::size_t at_a_time = 100;
+        for (std::uint64_t i = 0; i < count; ++i) {
+            const int fd = connect_from_somewhere(rng_, rng_.below(2) == 0 ? farm_.endpoint()
+                                                                           : farm_.stream());
+            const std::string bytes = speech(rng_);
+            if (!bytes.empty())
+                static_cast<void>(::send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL));
+            connections_.push_back(fd);
+            if (connections_.size() > at_a_time)
+                drop_oldest();
+        }
+    }
+
+private:
+    void drop_oldest() {
+        ::close(connections_.front());
+        connections_.pop_front();
+    }
+
+    const Farm& farm_;
+    Rng rng_;
+    std::deque<int> connections_;
+};
+
+} // namespace
+
+TEST_CASE("chaos: hostile connections cost the broker no memory") {
+    const char* wanted = std::getenv("FRAJA_CONNECTIONS"); // set by tools/chaos
+    const std::uint64_t count = wanted ? std::strtoull(wanted, nullptr, 10) : 4'000;
+    constexpr double warm_up = 0.25; // of the connections, after which memory counts
+    constexpr double growth_max_mib = 16;
+    const Scratch scratch;
+    const Words picture = {scene("cone"), "-r", "160x120", "-a", "2"};
+    const std::string want = local_picture(scratch, picture);
+    Farm farm;
+    farm.add_worker("one");
+    Strangers strangers(farm, 1);
+    strangers.come(static_cast<std::uint64_t>(warm_up * static_cast<double>(count)));
+    const double before = resident_mib(farm.broker().pid());
+    Words words = picture;
+    words.insert(words.end(), {"-o", scratch.file("meanwhile.png")});
+    Process client = farm.start_submit(words);
+    for (int part = 0; part < 100; ++part) { // and the broker's log is read
+        strangers.come(count / 134);
+        REQUIRE(!farm.broker().wait_for_exit(0s).has_value());
+    }
+    const double after = resident_mib(farm.broker().pid());
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("meanwhile.png")) == want));
+    words.back() = scratch.file("after.png");
+    CHECK(farm.submit(words).exit == 0);
+    CHECK((bytes_of(scratch.file("after.png")) == want));
+    std::printf("%llu connections: %.1f MiB before, %.1f after\n",
+                static_cast<unsigned long long>(count), before, after);
+    if (!instrumented) // sanitizers keep freed memory
+        CHECK(after - before < growth_max_mib);
+    farm.broker().send(SIGTERM);
+    CHECK(farm.broker().wait_for_exit(patience) == 0);
+    CHECK(farm.broker().err().find("assert") == std::string::npos);
+}
