@@ -40,25 +40,40 @@ class Farm:
     def __init__(self, programs, workers, folder):
         self.programs = programs
         self.log = open(os.path.join(folder, 'farm.log'), 'w')
-        self.processes = [subprocess.Popen([programs + '/fraja-broker', '--bind', 'tcp://127.0.0.1:0', '--publish', 'tcp://127.0.0.1:0',
-                                            '--state', 'none'], stdout=subprocess.PIPE, stderr=self.log, text=True)]
-        words = self.processes[0].stdout.readline().split() # listening ENDPOINT stream ENDPOINT
-        if len(words) < 2:
-            sys.exit('the broker did not come up')
-        self.broker = words[1]
+        self.processes = [self.start_broker('tcp://127.0.0.1:0', 'tcp://127.0.0.1:0')]
         for i in range(workers):
             self.processes.append(subprocess.Popen([programs + '/fraja-worker', '-b', self.broker, '-j', '1', '--name', 'worker-%d' % i],
                                                    stdout=self.log, stderr=self.log))
+    def start_broker(self, bind, publish):
+        broker = subprocess.Popen([self.programs + '/fraja-broker', '--bind', bind, '--publish', publish, '--state', 'none'],
+                                  stdout=subprocess.PIPE, stderr=self.log, text=True)
+        words = broker.stdout.readline().split() # listening ENDPOINT stream ENDPOINT
+        if len(words) < 4:
+            sys.exit('the broker did not come up')
+        self.broker, self.stream = words[1], words[3]
+        return broker
+    def restart_broker(self):
+        """Kills it, and starts another one in its place."""
+        self.processes[0].kill()
+        self.processes[0].wait()
+        self.processes[0] = self.start_broker(self.broker, self.stream)
+    def workers_seen(self):
+        """How often a worker has come so far."""
+        with open(self.log.name) as log:
+            return log.read().count(' is here: ')
+    def await_workers(self, count, seconds=60):
+        """Until a worker has come so often."""
+        end = time.monotonic() + seconds
+        while self.workers_seen() < count:
+            if time.monotonic() > end:
+                sys.exit('the workers did not come: %d of %d' % (self.workers_seen(), count))
+            time.sleep(.02)
     def emulate(self, groups, count):
         """Adds one process that emulates so many workers, each group as COUNT@SPEED, and waits until all are here."""
         options = [word for group in groups for word in ('--emulate', group)]
         self.processes.append(subprocess.Popen([self.programs + '/fraja-worker', '-b', self.broker, '--name', 'emulated', *options],
                                                stdout=self.log, stderr=self.log))
-        end = time.monotonic() + 60
-        while open(self.log.name).read().count(' is here: ') < count:
-            if time.monotonic() > end:
-                sys.exit('the workers did not come')
-            time.sleep(.05)
+        self.await_workers(count)
     def __enter__(self):
         return self
     def __exit__(self, *_):
@@ -68,3 +83,20 @@ class Farm:
             for process in processes:
                 process.wait()
         self.log.close()
+
+def cpu_seconds(pid):
+    """That a process has used so far, in all its threads."""
+    return time.clock_gettime(~pid << 3 | 2) # as clock_getcpuclockid() makes it
+
+def run_cpu_seconds(command):
+    """That a program uses from its start to its end; it must be content."""
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if status:
+        sys.exit('%s failed' % ' '.join(command))
+    return usage.ru_utime + usage.ru_stime
+
+def resident_mb(pid):
+    with open('/proc/%d/statm' % pid) as file:
+        return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6

@@ -1,0 +1,256 @@
+// How many tiles a second the broker deals out and takes in, beside a bare ROUTER that does nothing
+// else: paired runs with the same workers, which answer at once.
+#include "broker/shell.hpp"
+#include "common/net/clock.hpp"
+#include "common/protocol/codec.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "tools/bench/broker_load.hpp"
+#include "tools/bench/measure.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+
+using namespace fraja;
+using namespace fraja::protocol;
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr const char* usage =
+    "usage: broker [--tiles N] [--workers N] [--credit N] [--runs N] [--in DIRECTORY] [--csv FILE]";
+
+struct Arguments {
+    LoadOptions load;
+    std::uint32_t runs = 5;
+    std::filesystem::path directory = std::filesystem::temp_directory_path();
+    const char* csv = nullptr;
+};
+
+// Tiles are squares: these have 24 KiB as nearly as can be.
+constexpr std::uint32_t tile_side = 45, tile_bytes = tile_side * tile_side * 12;
+
+/// A broker in a thread of its own.
+class RunningBroker {
+public:
+    explicit RunningBroker(std::filesystem::path state) {
+        broker::Options options;
+        options.bind = options.publish = "tcp://127.0.0.1:0";
+        options.state = std::move(state);
+        options.limits.heartbeat = 1min; // the workers do not beat
+        options.on_listening = [this](const std::string& bound, const std::string& stream) {
+            endpoint_ = bound;
+            stream_ = stream;
+            listens_ = true;
+        };
+        thread_ = std::jthread([this, options] {
+            const net::Context context;
+            if (const auto ran = broker::run_broker(context, options, control_); !ran)
+                fail(ran.error().message);
+        });
+        while (!listens_)
+            std::this_thread::sleep_for(1ms);
+    }
+    ~RunningBroker() { control_.stop(); }
+    RunningBroker(const RunningBroker&) = delete;
+    RunningBroker& operator=(const RunningBroker&) = delete;
+
+    [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
+    [[nodiscard]] const std::string& stream() const { return stream_; }
+
+private:
+    broker::Control control_;
+    std::string endpoint_, stream_;
+    std::atomic<bool> listens_ = false;
+    std::jthread thread_;
+};
+
+/// Submits a job of at least so many tiles. It does not follow it.
+void submit(const net::Context& context, const std::string& endpoint, const JobId& job,
+            std::uint32_t tiles) {
+    auto opened = net::DealerSocket::connect(context, endpoint);
+    if (!opened)
+        fail(opened.error().message);
+    net::DealerSocket& socket = *opened;
+    const auto say = [&](const Message& message) {
+        while (socket.send(encode(message)) != net::SendStatus::sent)
+            std::this_thread::sleep_for(1ms);
+    };
+    const Blob scene = make_blob(to_bytes("a scene that nobody reads"));
+    const auto columns =
+        static_cast<std::uint32_t>(std::ceil(std::sqrt(static_cast<double>(tiles))));
+    const std::uint32_t rows = (tiles + columns - 1) / columns;
+    const Extent size{columns * tile_side, rows * tile_side};
+    say(ClientHello{"bench", "0"});
+    say(SubmitJob{.job = job,
+                  .job_name = "bench",
+                  .scene = content_hash(*scene),
+                  .scene_bytes = scene->size(),
+                  .settings = {.size = size, .crop = {0, 0, size.width, size.height}},
+                  .tile_side = tile_side,
+                  .wishes = {}});
+    for (;;) {
+        net::wait({socket}, 1s);
+        while (const auto frames = socket.receive()) {
+            const auto message = decode(*frames);
+            if (!message)
+                fail(message.error().message);
+            if (const auto* need = std::get_if<NeedChunk>(&*message))
+                say(Chunk{need->blob, 0, scene->size(), {scene}});
+            if (const auto* refused = std::get_if<Refused>(&*message))
+                fail(refused->reason);
+            if (const auto* state = std::get_if<JobState>(&*message);
+                state && state->phase != JobPhase::waiting_for_scene)
+                return say(Goodbye{});
+        }
+    }
+}
+
+struct Way {
+    const char* name;
+    std::uint32_t watchers;
+    bool keeps;
+    double mark; ///< of the bare rate; 0: none
+};
+constexpr Way ways[] = {{"broker", 0, false, 0.85},
+                        {"1 watcher", 1, false, 0.65},
+                        {"8 watchers", 8, false, 0.55},
+                        {"store", 0, true, 0}};
+
+struct Outcome {
+    double tiles_per_s = 0;
+    double watched = 1; ///< of what the watchers should have seen so far
+};
+
+Outcome run(const Arguments& arguments, const Way& way) {
+    std::filesystem::path state;
+    if (way.keeps)
+        state = arguments.directory / ("fraja-bench-" + to_string(random_id<JobId>()));
+    Outcome outcome;
+    {
+        const RunningBroker broker(state);
+        const net::Context context;
+        const auto job = random_id<JobId>();
+        std::optional<WatcherLoad> watchers;
+        if (way.watchers > 0)
+            watchers.emplace(broker.stream(), way.watchers, job);
+        const WorkerLoad load(broker.endpoint(), arguments.load);
+        while (!load.all_welcome())
+            std::this_thread::sleep_for(1ms);
+        submit(context, broker.endpoint(), job, arguments.load.tiles);
+        while (load.orders() < arguments.load.tiles)
+            std::this_thread::sleep_for(1ms);
+        outcome.tiles_per_s = load.orders_per_s();
+        if (watchers)
+            outcome.watched = static_cast<double>(watchers->tiles()) /
+                              (static_cast<double>(arguments.load.tiles) * way.watchers);
+    }
+    std::filesystem::remove_all(state);
+    return outcome;
+}
+
+double median(std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    return values[values.size() / 2];
+}
+
+/// What the workers say must be what the broker takes: a cheap answer that were refused would make
+/// it look fast.
+void check_answer() {
+    RenderTile tile;
+    tile.job = random_id<JobId>();
+    tile.tile = TileIndex{70'000};
+    tile.attempt = AttemptNumber{300};
+    const Packet order = encode(tile);
+    const auto bytes = to_bytes(answer_to(as_text(order.body)));
+    Packet packet = encode(TileRendered{.job = {}, .rays = {}, .blobs = {make_blob({})}});
+    const std::vector<Blob> frames{make_blob(packet.header), make_blob(bytes), make_blob({})};
+    const auto message = decode(frames);
+    const auto* answer = message ? std::get_if<TileRendered>(&*message) : nullptr;
+    if (!answer || answer->job != tile.job || answer->tile != tile.tile ||
+        answer->attempt != tile.attempt)
+        fail("the workers' answers are none");
+}
+
+Arguments read(int argc, char** argv) {
+    Arguments arguments;
+    arguments.load.tile_bytes = tile_bytes;
+    for (int i = 1; i < argc; i += 2) {
+        const auto is = [&](const char* name) { return std::strcmp(argv[i], name) == 0; };
+        if (i + 1 == argc)
+            fail(usage);
+        if (is("--tiles"))
+            arguments.load.tiles = count_of(argv[i + 1]);
+        else if (is("--workers"))
+            arguments.load.workers = count_of(argv[i + 1]);
+        else if (is("--credit"))
+            arguments.load.credit = count_of(argv[i + 1]);
+        else if (is("--runs"))
+            arguments.runs = count_of(argv[i + 1]);
+        else if (is("--in"))
+            arguments.directory = argv[i + 1];
+        else if (is("--csv"))
+            arguments.csv = argv[i + 1];
+        else
+            fail(usage);
+    }
+    if (arguments.load.tiles < 10 || arguments.runs == 0 || arguments.load.workers == 0 ||
+        arguments.load.credit == 0)
+        fail(usage);
+    return arguments;
+}
+
+void write_csv(const char* path, const std::vector<double>& bare,
+               const std::vector<std::vector<Outcome>>& outcomes) {
+    std::FILE* file = std::fopen(path, "w");
+    if (!file)
+        fail(std::string("cannot write ") + path);
+    std::fprintf(file, "run,way,tiles_per_s,of_bare,watched\n");
+    for (std::size_t i = 0; i < bare.size(); ++i) {
+        std::fprintf(file, "%zu,bare,%.0f,1,1\n", i, bare[i]);
+        for (std::size_t w = 0; w < std::size(ways); ++w)
+            std::fprintf(file, "%zu,%s,%.0f,%.3f,%.3f\n", i, ways[w].name,
+                         outcomes[w][i].tiles_per_s, outcomes[w][i].tiles_per_s / bare[i],
+                         outcomes[w][i].watched);
+    }
+    std::fclose(file);
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    const Arguments arguments = read(argc, argv);
+    check_answer();
+    std::vector<double> bare;
+    std::vector<std::vector<Outcome>> outcomes(std::size(ways));
+    for (std::uint32_t i = 0; i < arguments.runs; ++i) {
+        bare.push_back(bare_orders_per_s(arguments.load));
+        for (std::size_t w = 0; w < std::size(ways); ++w)
+            outcomes[w].push_back(run(arguments, ways[w]));
+    }
+    std::printf("%u workers, credit %u, %u tiles of %u bytes; medians of %u paired runs\n",
+                arguments.load.workers, arguments.load.credit, arguments.load.tiles, tile_bytes,
+                arguments.runs);
+    std::printf("%-12s %10s %8s %6s %10s\n", "", "tiles/s", "of bare", "mark", "watched");
+    std::printf("%-12s %10.0f\n", "bare", median(bare));
+    for (std::size_t w = 0; w < std::size(ways); ++w) {
+        std::vector<double> rates, ratios, watched;
+        for (std::size_t i = 0; i < bare.size(); ++i) {
+            rates.push_back(outcomes[w][i].tiles_per_s);
+            ratios.push_back(rates.back() / bare[i]);
+            watched.push_back(outcomes[w][i].watched);
+        }
+        std::printf("%-12s %10.0f %8.2f", ways[w].name, median(rates), median(ratios));
+        if (ways[w].mark > 0)
+            std::printf(" %6.2f", ways[w].mark);
+        if (ways[w].watchers > 0)
+            std::printf("%s %9.0f %%", ways[w].mark > 0 ? "" : "       ", 100 * median(watched));
+        std::printf("\n");
+    }
+    if (arguments.csv)
+        write_csv(arguments.csv, bare, outcomes);
+    return 0;
+}
