@@ -221,12 +221,23 @@ void Dispatcher::end_client(const PeerId& peer, Departure departure) {
 void Dispatcher::drop_silent_peers() {
     const Duration patience = limits_.heartbeat * limits_.liveness;
     std::vector<PeerId> silent_workers, silent_clients;
+    Instant first_heard_at = now_;
+    const auto is_silent = [&](Instant heard_at) {
+        if (now_ - heard_at > patience)
+            return true;
+        first_heard_at = std::min(first_heard_at, heard_at);
+        return false;
+    };
     for (const auto& [peer, worker] : workers_)
-        if (now_ - worker.heard_at > patience)
+        if (is_silent(worker.heard_at))
             silent_workers.push_back(peer);
     for (const auto& [peer, client] : clients_)
-        if (now_ - client.heard_at > patience)
+        if (is_silent(client.heard_at))
             silent_clients.push_back(peer);
+    // Of those who will be silent for too long before the next sweep the first one brings it
+    // forward: its tiles wait for that.
+    next_sweep_ = std::clamp(first_heard_at + patience + Duration(1), now_ + limits_.heartbeat / 32,
+                             next_sweep_);
     for (const PeerId& peer : silent_workers)
         end_worker(workers_.find(peer), Departure::lost,
                    "silent for " + std::to_string(limits_.liveness) + " beats");

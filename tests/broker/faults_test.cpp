@@ -7,6 +7,23 @@ using namespace fraja::broker;
 using namespace fraja::protocol;
 using namespace std::chrono_literals;
 
+TEST_CASE("a silent worker is lost after three heartbeats and soon then, whenever it spoke last") {
+    for (const Duration phase : {0ms, 1ms, 130ms, 499ms, 730ms}) {
+        CAPTURE(phase.count());
+        Farm farm;
+        farm.worker_arrives("alive", 1, 1, 2);
+        farm.pass(phase);
+        farm.worker_arrives("dead", 2, 1, 2);
+        for (int i = 0; i < 6; ++i) {
+            farm.beat("alive", 2, {});
+            farm.pass(500ms);
+        }
+        CHECK(farm.dispatcher.worker_count() == 2);
+        farm.pass(1000ms / 32 + 1ms);
+        CHECK(farm.dispatcher.worker_count() == 1);
+    }
+}
+
 TEST_CASE("the tiles of a silent worker go to the front of the queue") {
     Farm farm;
     farm.worker_arrives("dead", 1, 1, 2);
