@@ -48,8 +48,9 @@ constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
 constexpr auto handshake_max = 3s;
-constexpr auto transport_beat = 2s;
+constexpr auto transport_beat = 2s;         // of whoever connects
 constexpr auto transport_silence_max = 30s; // generous: beats also pause during a large transfer
+constexpr int keepalive_idle_s = 10, keepalive_interval_s = 5, keepalive_probes = 4;
 constexpr auto reconnect_min = 100ms;
 constexpr auto reconnect_max = 3s;
 
@@ -62,8 +63,17 @@ void set_common_options(zmq::socket_t& socket) {
     socket.set(zmq::sockopt::maxmsgsize, static_cast<int64_t>(protocol::frame_bytes_max));
     socket.set(zmq::sockopt::handshake_ivl, milliseconds(handshake_max));
     socket.set(zmq::sockopt::tcp_keepalive, 1);
+    socket.set(zmq::sockopt::tcp_keepalive_idle, keepalive_idle_s);
+    socket.set(zmq::sockopt::tcp_keepalive_intvl, keepalive_interval_s);
+    socket.set(zmq::sockopt::tcp_keepalive_cnt, keepalive_probes);
+    socket.set(zmq::sockopt::tcp_maxrt, milliseconds(transport_silence_max));
     socket.set(zmq::sockopt::ipv6, true);
     socket.set(zmq::sockopt::backlog, backlog);
+}
+
+/// Whoever binds sends no beats: libzmq looks through all timers of all connections for the one
+/// that an answer stops. The kernel's probes find dead connections as well.
+void set_options_to_connect(zmq::socket_t& socket) {
     socket.set(zmq::sockopt::heartbeat_ivl, milliseconds(transport_beat));
     socket.set(zmq::sockopt::heartbeat_timeout, milliseconds(transport_silence_max));
     socket.set(zmq::sockopt::reconnect_ivl, milliseconds(reconnect_min));
@@ -253,6 +263,7 @@ Result<DealerSocket> DealerSocket::connect(const Context& context, const std::st
         dealer.impl_->socket.set(zmq::sockopt::immediate, true); // queue for connections that stand
         dealer.impl_->socket.set(zmq::sockopt::sndhwm, dealer_queue_max);
         dealer.impl_->socket.set(zmq::sockopt::rcvhwm, dealer_queue_max);
+        set_options_to_connect(dealer.impl_->socket);
         dealer.impl_->socket.connect(endpoint);
         return dealer;
     } catch (const zmq::error_t& e) {
@@ -322,6 +333,7 @@ Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,
     try {
         SubscriberSocket subscriber(open(context, zmq::socket_type::sub));
         subscriber.impl_->socket.set(zmq::sockopt::rcvhwm, stream_queue_max);
+        set_options_to_connect(subscriber.impl_->socket);
         subscriber.impl_->socket.connect(endpoint);
         return subscriber;
     } catch (const zmq::error_t& e) {

@@ -21,13 +21,15 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr const char* usage =
-    "usage: broker [--tiles N] [--workers N] [--credit N] [--runs N] [--in DIRECTORY] [--csv FILE]";
+    "usage: broker [--tiles N] [--workers N] [--credit N] [--runs N] [--in DIRECTORY] "
+    "[--way broker|watcher|watchers|store] [--csv FILE]";
 
 struct Arguments {
     LoadOptions load;
     std::uint32_t runs = 5;
     std::filesystem::path directory = std::filesystem::temp_directory_path();
     const char* csv = nullptr;
+    std::string way; ///< that one alone; empty: all
 };
 
 // Tiles are squares: these have 24 KiB as nearly as can be.
@@ -116,8 +118,8 @@ struct Way {
     double mark; ///< of the bare rate; 0: none
 };
 constexpr Way ways[] = {{"broker", 0, false, 0.85},
-                        {"1 watcher", 1, false, 0.65},
-                        {"8 watchers", 8, false, 0.55},
+                        {"watcher", 1, false, 0.65},
+                        {"watchers", 8, false, 0.55},
                         {"store", 0, true, 0}};
 
 struct Outcome {
@@ -192,6 +194,8 @@ Arguments read(int argc, char** argv) {
             arguments.runs = count_of(argv[i + 1]);
         else if (is("--in"))
             arguments.directory = argv[i + 1];
+        else if (is("--way"))
+            arguments.way = argv[i + 1];
         else if (is("--csv"))
             arguments.csv = argv[i + 1];
         else
@@ -211,10 +215,13 @@ void write_csv(const char* path, const std::vector<double>& bare,
     std::fprintf(file, "run,way,tiles_per_s,of_bare,watched\n");
     for (std::size_t i = 0; i < bare.size(); ++i) {
         std::fprintf(file, "%zu,bare,%.0f,1,1\n", i, bare[i]);
-        for (std::size_t w = 0; w < std::size(ways); ++w)
+        for (std::size_t w = 0; w < std::size(ways); ++w) {
+            if (outcomes[w].empty())
+                continue;
             std::fprintf(file, "%zu,%s,%.0f,%.3f,%.3f\n", i, ways[w].name,
                          outcomes[w][i].tiles_per_s, outcomes[w][i].tiles_per_s / bare[i],
                          outcomes[w][i].watched);
+        }
     }
     std::fclose(file);
 }
@@ -229,7 +236,8 @@ int main(int argc, char** argv) {
     for (std::uint32_t i = 0; i < arguments.runs; ++i) {
         bare.push_back(bare_orders_per_s(arguments.load));
         for (std::size_t w = 0; w < std::size(ways); ++w)
-            outcomes[w].push_back(run(arguments, ways[w]));
+            if (arguments.way.empty() || arguments.way == ways[w].name)
+                outcomes[w].push_back(run(arguments, ways[w]));
     }
     std::printf("%u workers, credit %u, %u tiles of %u bytes; medians of %u paired runs\n",
                 arguments.load.workers, arguments.load.credit, arguments.load.tiles, tile_bytes,
@@ -237,6 +245,8 @@ int main(int argc, char** argv) {
     std::printf("%-12s %10s %8s %6s %10s\n", "", "tiles/s", "of bare", "mark", "watched");
     std::printf("%-12s %10.0f\n", "bare", median(bare));
     for (std::size_t w = 0; w < std::size(ways); ++w) {
+        if (outcomes[w].empty())
+            continue;
         std::vector<double> rates, ratios, watched;
         for (std::size_t i = 0; i < bare.size(); ++i) {
             rates.push_back(outcomes[w][i].tiles_per_s);

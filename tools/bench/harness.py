@@ -40,6 +40,7 @@ class Farm:
     def __init__(self, programs, workers, folder):
         self.programs = programs
         self.log = open(os.path.join(folder, 'farm.log'), 'w')
+        self.reader, self.told, self.seen = open(self.log.name), '', 0
         self.processes = [self.start_broker('tcp://127.0.0.1:0', 'tcp://127.0.0.1:0')]
         for i in range(workers):
             self.processes.append(subprocess.Popen([programs + '/fraja-worker', '-b', self.broker, '-j', '1', '--name', 'worker-%d' % i],
@@ -59,8 +60,10 @@ class Farm:
         self.processes[0] = self.start_broker(self.broker, self.stream)
     def workers_seen(self):
         """How often a worker has come so far."""
-        with open(self.log.name) as log:
-            return log.read().count(' is here: ')
+        self.told += self.reader.read()
+        whole, _, self.told = self.told.rpartition('\n')
+        self.seen += whole.count(' is here: ')
+        return self.seen
     def await_workers(self, count, seconds=60):
         """Until a worker has come so often."""
         end = time.monotonic() + seconds
@@ -83,6 +86,7 @@ class Farm:
             for process in processes:
                 process.wait()
         self.log.close()
+        self.reader.close()
 
 def cpu_seconds(pid):
     """That a process has used so far, in all its threads."""
