@@ -2,6 +2,7 @@
 #include "broker/shell.hpp"
 #include "broker/store.hpp"
 #include "broker/store_reader.hpp"
+#include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 
@@ -144,6 +145,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
 } // namespace
 
 int main(int argc, char** argv) {
+    keep_freed_memory();
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     Arguments arguments;
     CLI::App app(examples);

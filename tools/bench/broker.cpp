@@ -1,6 +1,7 @@
 // How many tiles a second the broker deals out and takes in, beside a bare ROUTER that does nothing
 // else: paired runs with the same workers, which answer at once.
 #include "broker/shell.hpp"
+#include "common/base/freed_memory.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/codec.hpp"
 #include "common/protocol/content_hash.hpp"
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <optional>
 
@@ -124,7 +126,22 @@ constexpr Way ways[] = {{"broker", 0, false, 0.85},
 
 struct Outcome {
     double tiles_per_s = 0;
+    double cpu_us = 0;  ///< of all threads, for a tile
     double watched = 1; ///< of what the watchers should have seen so far
+};
+
+/// Of this process, from the construction on.
+class CpuTime {
+public:
+    [[nodiscard]] double us() const { return now_us() - begin_; }
+
+private:
+    static double now_us() {
+        timespec t{};
+        clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+        return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
+    }
+    double begin_ = now_us();
 };
 
 Outcome run(const Arguments& arguments, const Way& way) {
@@ -132,6 +149,7 @@ Outcome run(const Arguments& arguments, const Way& way) {
     if (way.keeps)
         state = arguments.directory / ("fraja-bench-" + to_string(random_id<JobId>()));
     Outcome outcome;
+    const CpuTime cpu;
     {
         const RunningBroker broker(state);
         const net::Context context;
@@ -146,6 +164,7 @@ Outcome run(const Arguments& arguments, const Way& way) {
         while (load.orders() < arguments.load.tiles)
             std::this_thread::sleep_for(1ms);
         outcome.tiles_per_s = load.orders_per_s();
+        outcome.cpu_us = cpu.us() / arguments.load.tiles;
         if (watchers)
             outcome.watched = static_cast<double>(watchers->tiles()) /
                               (static_cast<double>(arguments.load.tiles) * way.watchers);
@@ -154,7 +173,20 @@ Outcome run(const Arguments& arguments, const Way& way) {
     return outcome;
 }
 
-double median(std::vector<double> values) {
+Outcome run_bare(const Arguments& arguments) {
+    const CpuTime cpu;
+    Outcome outcome;
+    outcome.tiles_per_s = bare_orders_per_s(arguments.load);
+    outcome.cpu_us = cpu.us() / arguments.load.tiles;
+    return outcome;
+}
+
+/// Of a figure of each run.
+template <class Figure>
+double median_of(const std::vector<Outcome>& outcomes, Figure figure) {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < outcomes.size(); ++i)
+        values.push_back(figure(i));
     std::sort(values.begin(), values.end());
     return values[values.size() / 2];
 }
@@ -207,19 +239,20 @@ Arguments read(int argc, char** argv) {
     return arguments;
 }
 
-void write_csv(const char* path, const std::vector<double>& bare,
+void write_csv(const char* path, const std::vector<Outcome>& bare,
                const std::vector<std::vector<Outcome>>& outcomes) {
     std::FILE* file = std::fopen(path, "w");
     if (!file)
         fail(std::string("cannot write ") + path);
-    std::fprintf(file, "run,way,tiles_per_s,of_bare,watched\n");
+    std::fprintf(file, "run,way,tiles_per_s,of_bare,cpu_us,watched\n");
     for (std::size_t i = 0; i < bare.size(); ++i) {
-        std::fprintf(file, "%zu,bare,%.0f,1,1\n", i, bare[i]);
+        std::fprintf(file, "%zu,bare,%.0f,1,%.2f,1\n", i, bare[i].tiles_per_s, bare[i].cpu_us);
         for (std::size_t w = 0; w < std::size(ways); ++w) {
             if (outcomes[w].empty())
                 continue;
-            std::fprintf(file, "%zu,%s,%.0f,%.3f,%.3f\n", i, ways[w].name,
-                         outcomes[w][i].tiles_per_s, outcomes[w][i].tiles_per_s / bare[i],
+            std::fprintf(file, "%zu,%s,%.0f,%.3f,%.2f,%.3f\n", i, ways[w].name,
+                         outcomes[w][i].tiles_per_s,
+                         outcomes[w][i].tiles_per_s / bare[i].tiles_per_s, outcomes[w][i].cpu_us,
                          outcomes[w][i].watched);
         }
     }
@@ -231,10 +264,11 @@ void write_csv(const char* path, const std::vector<double>& bare,
 int main(int argc, char** argv) {
     const Arguments arguments = read(argc, argv);
     check_answer();
-    std::vector<double> bare;
+    keep_freed_memory(); // as fraja-broker does
+    std::vector<Outcome> bare;
     std::vector<std::vector<Outcome>> outcomes(std::size(ways));
     for (std::uint32_t i = 0; i < arguments.runs; ++i) {
-        bare.push_back(bare_orders_per_s(arguments.load));
+        bare.push_back(run_bare(arguments));
         for (std::size_t w = 0; w < std::size(ways); ++w)
             if (arguments.way.empty() || arguments.way == ways[w].name)
                 outcomes[w].push_back(run(arguments, ways[w]));
@@ -242,22 +276,30 @@ int main(int argc, char** argv) {
     std::printf("%u workers, credit %u, %u tiles of %u bytes; medians of %u paired runs\n",
                 arguments.load.workers, arguments.load.credit, arguments.load.tiles, tile_bytes,
                 arguments.runs);
-    std::printf("%-12s %10s %8s %6s %10s\n", "", "tiles/s", "of bare", "mark", "watched");
-    std::printf("%-12s %10.0f\n", "bare", median(bare));
+    std::printf("%-9s %8s %8s %6s %12s %8s %9s\n", "", "tiles/s", "of bare", "mark", "us CPU/tile",
+                "of bare", "watched");
+    std::printf("%-9s %8.0f %8s %6s %12.1f\n", "bare",
+                median_of(bare, [&](std::size_t i) { return bare[i].tiles_per_s; }), "", "",
+                median_of(bare, [&](std::size_t i) { return bare[i].cpu_us; }));
     for (std::size_t w = 0; w < std::size(ways); ++w) {
-        if (outcomes[w].empty())
+        const std::vector<Outcome>& these = outcomes[w];
+        if (these.empty())
             continue;
-        std::vector<double> rates, ratios, watched;
-        for (std::size_t i = 0; i < bare.size(); ++i) {
-            rates.push_back(outcomes[w][i].tiles_per_s);
-            ratios.push_back(rates.back() / bare[i]);
-            watched.push_back(outcomes[w][i].watched);
-        }
-        std::printf("%-12s %10.0f %8.2f", ways[w].name, median(rates), median(ratios));
+        std::printf("%-9s %8.0f %8.2f", ways[w].name,
+                    median_of(these, [&](std::size_t i) { return these[i].tiles_per_s; }),
+                    median_of(these, [&](std::size_t i) {
+                        return these[i].tiles_per_s / bare[i].tiles_per_s;
+                    }));
         if (ways[w].mark > 0)
             std::printf(" %6.2f", ways[w].mark);
+        else
+            std::printf(" %6s", "");
+        std::printf(
+            " %12.1f %8.2f", median_of(these, [&](std::size_t i) { return these[i].cpu_us; }),
+            median_of(these, [&](std::size_t i) { return these[i].cpu_us / bare[i].cpu_us; }));
         if (ways[w].watchers > 0)
-            std::printf("%s %9.0f %%", ways[w].mark > 0 ? "" : "       ", 100 * median(watched));
+            std::printf(" %7.0f %%",
+                        100 * median_of(these, [&](std::size_t i) { return these[i].watched; }));
         std::printf("\n");
     }
     if (arguments.csv)
