@@ -120,7 +120,8 @@ void ClientNode::start() {
             .tile_side = plan.tile_side,
             .order = plan.order,
             .priority = plan.priority,
-            .wishes = plan.wishes};
+            .wishes = plan.wishes,
+            .resume = false};
     farm_.submitted[job_.job] = {job_, index_, scene};
     farm_.plan_of_scene[job_.scene] = index_;
     farm_.report.jobs[index_].submitted_at = farm_.now().since_start;
