@@ -177,7 +177,20 @@ private:
         double work = 0;
         PeerId peer;
     };
+    struct Idle {
+        PeerId peer;
+        const WorkerSession* worker = nullptr;
+        double speed = 0;
+        std::size_t threads = 0; ///< that do nothing
+    };
+    struct Help {
+        double speed = 0;
+        std::size_t threads = 0;
+    };
     void help_out();
+    [[nodiscard]] std::vector<Idle> idle_workers() const;
+    [[nodiscard]] Help help_for(const Late& late, const Job& job,
+                                const std::vector<Idle>& idle) const;
     [[nodiscard]] std::vector<Late> tiles_by_end() const;
     void append_ends(const PeerId& peer, const WorkerSession& worker,
                      std::vector<Late>& late) const;
@@ -275,7 +288,7 @@ private:
     bool farm_subscribed_ = false;
 
     Instant now_;
-    Instant next_sweep_{}, next_digest_{}, next_farm_state_{}, next_overbook_{};
+    Instant next_sweep_{}, next_digest_{}, next_farm_state_{}, next_overbook_{}, overbooked_at_{};
     std::vector<Action>* actions_ = nullptr; ///< during a step
 };
 

@@ -78,51 +78,70 @@ std::vector<Dispatcher::Late> Dispatcher::tiles_by_end() const {
     return late;
 }
 
-void Dispatcher::help_out() {
-    if (now_ < next_overbook_ && changed_workers_.empty())
-        return;
-    if (!speed_.is_known() || !somebody_is_idle())
-        return;
-    next_overbook_ = now_ + limits_.overbook_interval;
-    std::size_t idle_threads = 0;
+/// Who has a thread that does nothing.
+std::vector<Dispatcher::Idle> Dispatcher::idle_workers() const {
+    std::vector<Idle> idle;
     for (const auto& [load, peer] : free_workers_) {
         const WorkerSession& worker = workers_.at(peer);
         if (worker.grants.size() >= worker.hello.threads)
             break; // as all that follow
-        idle_threads += worker.hello.threads - worker.grants.size();
+        idle.push_back(
+            {peer, &worker, speed_of(worker), worker.hello.threads - worker.grants.size()});
     }
-    for (const Late& tile : tiles_by_end()) {
-        if (!somebody_is_idle() || idle_threads == 0)
-            return;
-        // The idle ones who may do it; the fastest counts.
-        Job& job = jobs_.at(tile.job);
-        double speed = 0;
-        std::size_t threads = 0;
-        for (const auto& [load, peer] : free_workers_) {
-            const WorkerSession& worker = workers_.at(peer);
-            if (worker.grants.size() >= worker.hello.threads)
-                break;
-            if (!suits(worker, peer, job) || (peer == tile.peer && !job.can_cut(job.tile(tile.id))))
-                continue;
-            speed = std::max(speed, speed_of(worker));
-            threads += worker.hello.threads - worker.grants.size();
-        }
-        if (threads == 0)
+    return idle;
+}
+
+/// The threads among them that may draw the job's tile, and the fastest of them.
+Dispatcher::Help Dispatcher::help_for(const Late& late, const Job& job,
+                                      const std::vector<Idle>& idle) const {
+    const bool can_cut = job.can_cut(job.tile(late.id));
+    Help help;
+    for (const Idle& one : idle) {
+        if (!suits(*one.worker, one.peer, job) || (!can_cut && one.peer == late.peer))
             continue;
-        const double parts_max = std::clamp(tile.work / (tile_time_min_s() * speed), 1.0,
+        help.speed = std::max(help.speed, one.speed);
+        help.threads += one.threads;
+    }
+    if (!can_cut)
+        help.threads = std::min<std::size_t>(help.threads, 1);
+    return help;
+}
+
+void Dispatcher::help_out() {
+    // It looks at all tiles: so not more often than these should end, whatever happens meanwhile.
+    const double pause_s = std::min(tile_time_min_s(), seconds(limits_.overbook_interval));
+    const Instant soon = overbooked_at_ + std::chrono::duration_cast<Duration>(
+                                              std::chrono::duration<double>(pause_s));
+    if (!changed_workers_.empty())
+        next_overbook_ = std::min(next_overbook_, soon);
+    if (now_ < next_overbook_ || !speed_.is_known() || !somebody_is_idle())
+        return;
+    overbooked_at_ = now_;
+    next_overbook_ = now_ + limits_.overbook_interval;
+    std::vector<Idle> idle = idle_workers();
+    std::size_t threads = 0;
+    for (const Idle& one : idle)
+        threads += one.threads;
+    for (const Late& late : tiles_by_end()) {
+        const double bearable_s = (1 - gain_min) * seconds(late.remaining);
+        if (threads == 0 || bearable_s <= round_trip_s) // nor are those that follow worth it
+            break;
+        Job& job = jobs_.at(late.job);
+        const Help help = help_for(late, job, idle);
+        if (help.threads == 0)
+            continue;
+        const double parts_max = std::clamp(late.work / (tile_time_min_s() * help.speed), 1.0,
                                             static_cast<double>(limits_.overbooked_parts_max));
-        const auto parts = job.can_cut(job.tile(tile.id))
-                               ? std::min(static_cast<std::uint32_t>(threads),
-                                          static_cast<std::uint32_t>(parts_max))
-                               : 1u;
-        const double helped_s = tile.work / parts / speed + round_trip_s;
-        if (helped_s > (1 - gain_min) * seconds(tile.remaining))
+        const auto parts = std::min(static_cast<std::uint32_t>(help.threads),
+                                    static_cast<std::uint32_t>(parts_max));
+        if (late.work / parts / help.speed + round_trip_s > bearable_s)
             continue;
-        job.overbook(tile.id, parts);
+        job.overbook(late.id, parts);
         ++counters_.tiles_overbooked;
         look_ready(job);
         give_out();
-        idle_threads -= std::min<std::size_t>(idle_threads, parts);
+        idle = idle_workers();
+        threads -= std::min<std::size_t>(threads, parts);
     }
 }
 
