@@ -115,6 +115,7 @@ Bytes bytes_of(const zmq::message_t& frame) {
 /// their number: what is beyond the limit is taken and dropped one by one.
 Frames take_rest(zmq::socket_t& socket, bool more) {
     Frames frames;
+    frames.reserve(3); // header, body, and most often one blob
     while (more) {
         zmq::message_t frame;
         if (!take(socket,

@@ -17,6 +17,8 @@ namespace {
 
 constexpr char magic[4] = {'F', 'R', 'J', 'A'};
 constexpr std::size_t header_bytes = 8; // magic, version, type: little endian
+// Most messages need no more at once.
+constexpr std::size_t zone_bytes = 512, body_bytes = 256;
 
 /// Thrown and caught in this file: what a decoder found, with the field's name.
 struct Malformed : std::runtime_error {
@@ -209,11 +211,14 @@ Result<M> read_body(std::span<const std::byte> body, MissingFields missing) {
     Reading reading{missing};
     try {
         std::size_t offset = 0;
-        const auto handle = msgpack::unpack(reinterpret_cast<const char*>(body.data()), n, offset,
-                                            nullptr, nullptr, limit);
+        // By default a zone begins with 8 KiB, and has copies of all strings.
+        msgpack::zone zone(zone_bytes);
+        const auto object = msgpack::unpack(
+            zone, reinterpret_cast<const char*>(body.data()), n, offset,
+            [](msgpack::type::object_type, std::size_t, void*) { return true; }, nullptr, limit);
         if (offset != n)
             return malformed(M::name, "bytes after the end of the body");
-        unpack_record(handle.get(), message, reading);
+        unpack_record(object, message, reading);
     } catch (const std::exception& e) { // msgpack speaks in exceptions; here they end
         return malformed(M::name, std::string(reading.field) + ": " + e.what());
     }
@@ -270,6 +275,7 @@ Packet encode(const Message& message) {
     return std::visit(
         [](const auto& m) {
             Packet packet{encode_header(m.type), {}, {}};
+            packet.body.reserve(body_bytes);
             BytesWriter writer{packet.body};
             Packer packer(writer);
             pack(packer, m);
