@@ -405,7 +405,7 @@ void Chaos::tell() const {
 
 } // namespace
 
-TEST_CASE("chaos: every picture comes out as if nothing had happened") {
+TEST_CASE("every picture comes out as if nothing had happened") {
     const std::uint64_t seed =
         setting("FRAJA_SEED",
                 static_cast<std::uint64_t>(Clock::now().time_since_epoch().count()) % 1'000'000);

@@ -129,7 +129,7 @@ private:
 
 } // namespace
 
-TEST_CASE("chaos: hostile connections cost the broker no memory") {
+TEST_CASE("hostile connections cost the broker no memory") {
     const char* wanted = std::getenv("FRAJA_CONNECTIONS"); // set by tools/chaos
     const std::uint64_t count = wanted ? std::strtoull(wanted, nullptr, 10) : 4'000;
     constexpr double warm_up = 0.25; // of the connections, after which memory counts

@@ -16,7 +16,7 @@ bool has(std::string_view text, std::string_view part) {
 } // namespace
 
 // To the broker a limit on the size of files is a disk that is full, and lifting it is room.
-TEST_CASE("chaos: a job waits while the disk is full, and comes out right") {
+TEST_CASE("a job waits while the disk is full, and comes out right") {
     const Scratch scratch;
     const Words picture = {scene("overlapping_spheres"), "-r", "640x480", "--tile", "64"}; // 3.7 MB
     const std::string want = local_picture(scratch, picture);

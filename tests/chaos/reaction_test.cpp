@@ -193,7 +193,7 @@ TEST_CASE(
     }
 }
 
-TEST_CASE("chaos: a worker stops within 100 ms what is not wanted any more") {
+TEST_CASE("a worker stops within 100 ms what is not wanted any more") {
     FakeBroker broker;
     const Extent size{tile_side_max, tile_side_max};
     PictureSettings settings{.size = size, .crop = {0, 0, size.width, size.height}, .aa = 64};
