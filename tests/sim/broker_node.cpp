@@ -94,9 +94,13 @@ void BrokerNode::perform(broker::Publish&& publish) {
 }
 
 void BrokerNode::perform(broker::SendStored&& wish) {
-    for (const TileIndex tile : wish.tiles)
-        for (const auto& done : disk_.kept().tiles(wish.job, tile))
+    for (const TileIndex tile : wish.tiles) {
+        const auto found = disk_.kept().tiles(wish.job, tile);
+        if (found.empty())
+            farm_.violation("the broker wants a tile from the store that is not there");
+        for (const auto& done : found)
             perform(broker::Send{wish.peer, *done});
+    }
 }
 
 void BrokerNode::perform(broker::LoadScene&& load) {

@@ -166,6 +166,7 @@ void WorkerNode::render(worker::StartTile&& tile) {
 }
 
 void WorkerNode::end_tile(const worker::StartTile& tile, Duration time, double rays) {
+    moved_ = farm_.now();
     WorkerReport& report = farm_.report.workers[index_];
     report.busy += time;
     report.last_end = farm_.now().since_start;
@@ -186,6 +187,8 @@ void WorkerNode::perform(worker::StopTile&& stop) {
         return;
     if (found->second.hangs)
         ++hung_threads_;
+    else
+        moved_ = farm_.now();
     WorkerReport& report = farm_.report.workers[index_];
     report.stopped += farm_.now() - found->second.since;
     report.last_end = farm_.now().since_start;
@@ -202,10 +205,15 @@ void WorkerNode::perform(worker::StopTile&& stop) {
 
 // ---------------------------------------------------------------------------------- what they draw
 
-bool WorkerNode::has_hung_threads() const {
-    return hung_threads_ > 0 || std::ranges::any_of(rendering_, [](const auto& rendering) {
-               return rendering.second.hangs;
-           });
+Duration WorkerNode::stuck_for() const {
+    if (rendering_.empty() || !std::ranges::all_of(rendering_, [](const auto& rendering) {
+            return rendering.second.hangs;
+        }))
+        return Duration::zero();
+    Instant moved = moved_;
+    for (const auto& [ticket, rendering] : rendering_)
+        moved = std::max(moved, rendering.since);
+    return farm_.now() - moved;
 }
 
 double WorkerNode::rays_of(const worker::StartTile& tile) const {

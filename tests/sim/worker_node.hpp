@@ -21,7 +21,9 @@ public:
     void start();
     /// And starts again, in its time.
     void crash();
-    [[nodiscard]] bool has_hung_threads() const;
+    /// For so long nothing of what it renders has moved, though there is something; 0: it moves.
+    [[nodiscard]] Duration stuck_for() const;
+    [[nodiscard]] bool has_hung_threads() const { return hung_threads_ > 0; }
     [[nodiscard]] Process& process() { return process_; }
 
 private:
@@ -56,6 +58,7 @@ private:
     std::deque<worker::StartTile> waiting_;
     std::map<worker::Ticket, Rendering> rendering_;
     std::size_t hung_threads_ = 0; ///< that do not come back
+    Instant moved_{};              ///< when a tile that does not hang ended
     std::set<ContentHash> scenes_; ///< compiled
     std::uint64_t progress_ = 0;
 };

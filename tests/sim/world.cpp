@@ -19,6 +19,9 @@ using namespace std::chrono_literals;
 /// A connection that is silent for so long is given up by ZeroMQ (net/sockets.cpp).
 constexpr Duration connection_patience = 30s;
 
+/// When all is healed partitions and hangs may go on for a while, and then leases must end.
+constexpr Duration leases_end = 4min, lease_patience = 30s;
+
 class World {
 public:
     explicit World(const Scenario& scenario)
@@ -78,7 +81,7 @@ private:
             farm_.agenda.after(f.heals_at, [this] { administrator_.undo_all(); });
         }
         if (f.hung_tiles > 0)
-            farm_.agenda.after(f.heals_at, [this] { restart_hung_workers(); });
+            farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
     }
     void part(Process& process) {
         const Duration silence = farm_.between(0s, farm_.scenario.faults.partition_max);
@@ -86,11 +89,15 @@ private:
         if (silence > connection_patience)
             network_.break_line(process);
     }
-    /// Nothing else helps, and somebody does it in the end.
+    /// Nothing else brings the threads back, and somebody does it in the end. By then their tiles
+    /// must have been taken back.
     void restart_hung_workers() {
-        for (const auto& worker : workers_)
-            if (worker->has_hung_threads())
+        for (const auto& worker : workers_) {
+            if (worker->stuck_for() > farm_.scenario.limits.lease + lease_patience)
+                farm_.violation("a tile that hangs was not taken back");
+            if (worker->has_hung_threads() || worker->stuck_for() > Duration::zero())
                 worker->crash();
+        }
     }
     [[nodiscard]] bool all_over() const {
         return std::ranges::all_of(clients_, [](const auto& c) { return c->is_over(); });
