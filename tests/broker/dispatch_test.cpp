@@ -303,7 +303,7 @@ TEST_CASE("every schedule draws the picture, and stealing ends before equal shar
          {Schedule::demand, Schedule::equal, Schedule::weighted, Schedule::stealing}) {
         Farm farm;
         Machines machines(farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}}, uneven);
-        SubmitJob s = automatic(1, 320, 240);
+        SubmitJob s = automatic(1, 160, 120);
         s.wishes.schedule = schedule;
         took[schedule] = seconds(machines.run(farm.submit("client", s)));
         if (schedule == Schedule::equal)

@@ -25,7 +25,8 @@ std::string state(Farm& farm, const std::string& id) {
 }
 
 /// A job that takes a while on one thread.
-const Words long_job{scene("overlapping_spheres"), "-r", "200x150", "-d", "20", "-a", "8"};
+const Words long_job{scene("overlapping_spheres"), "-r", "200x150", "-d", "20", "-a",
+                     instrumented ? "2" : "8"};
 
 TEST_CASE("a job is paused, resumed, cancelled and tried again from the command line") {
     const Scratch scratch;
