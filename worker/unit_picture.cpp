@@ -2,6 +2,7 @@
 
 #include "common/base/assert.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/protocol/pixels.hpp"
 
 #include <algorithm>
 #include <cstring>
@@ -11,7 +12,7 @@
 namespace fraja::worker {
 namespace {
 
-constexpr std::size_t colour_bytes = 12, plane_bytes = 4; // of a pixel
+using protocol::colour_bytes, protocol::plane_bytes;
 
 PixelRect common_part(const PixelRect& a, const PixelRect& b) {
     const auto along = [](std::uint32_t from_a, std::uint32_t length_a, std::uint32_t from_b,
