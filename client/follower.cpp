@@ -38,8 +38,8 @@ Nonce make_nonce(Rng& rng) {
 bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
     if (next.epoch != last.epoch)
         return next.epoch > last.epoch;
-    if (is_over(last.phase))
-        return false;
+    if (is_over(last.phase)) // for ever, or until it is tried again: then its time goes on
+        return last.phase != protocol::JobPhase::done && next.elapsed > last.elapsed;
     if (is_over(next.phase) || next.done_count != last.done_count)
         return is_over(next.phase) || next.done_count > last.done_count;
     return next.elapsed >= last.elapsed;

@@ -347,6 +347,27 @@ TEST_CASE("a watcher joins at any time, whatever the stream drops, and sees ever
     });
 }
 
+TEST_CASE("a job that was cancelled and is tried again is followed on, and late words are not") {
+    protocol::JobState job = job_of_four_tiles();
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    follower.start(Instant{}, actions);
+    const auto hear = [&](protocol::JobPhase phase, std::uint32_t done, Duration elapsed) {
+        job.phase = phase;
+        job.done_count = done;
+        job.elapsed = elapsed;
+        follower.step(Instant{}, FromStream{job}, actions);
+        return follower.state().phase;
+    };
+    using enum protocol::JobPhase;
+    CHECK(hear(running, 1, 4s) == running);
+    CHECK(hear(cancelled, 2, 5s) == cancelled); // two tiles are missing here
+    CHECK(hear(running, 2, 4500ms) == cancelled);
+    CHECK(hear(running, 2, 6s) == running);
+    CHECK(hear(done, 4, 7s) == done);
+    CHECK(hear(running, 4, 8s) == done);
+}
+
 TEST_CASE("of a tile that is here in part only the rest is told, with its own pixels") {
     protocol::JobState job = job_of_four_tiles();
     job.settings.size = {4, 3};
