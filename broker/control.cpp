@@ -43,6 +43,8 @@ std::optional<std::string> Dispatcher::retry(Job& job) {
     job.reason.clear();
     job.phase = JobPhase::queued;
     job.revive();
+    if (job.probe == Job::Probe::in_flight) // nobody listened when it came
+        job.probe = Job::Probe::wanted;
     job.submitted_at = now_;
     keep_phase(job);
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())

@@ -82,7 +82,7 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
         return;
     }
     const bool is_probe = grant->id == OpenTileId::none;
-    if (!is_probe && job->all_cells_done(grant->tile)) {
+    if (is_probe ? job->probe != Job::Probe::in_flight : job->all_cells_done(grant->tile)) {
         ++counters_.answers_unneeded;
         return;
     }

@@ -217,6 +217,25 @@ TEST_CASE("a probe that fails, or tells rubbish, does no harm") {
     }
 }
 
+TEST_CASE("a job that is tried again does not wait for the probe that came when it was over") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 2);
+    SubmitJob s = automatic(1, 256, 192);
+    s.wishes.schedule = Schedule::weighted; // which waits for the probe
+    const JobId job = farm.submit("client", s);
+    const RenderTile probe = farm.tiles("w").at(0);
+    REQUIRE(probe.probe_side > 0);
+    farm.say("client", ControlJob{job, JobDeed::cancel, 0});
+    farm.say("w", probed(probe, [](PixelRect) { return 1.0f; }));
+    farm.say("client", ControlJob{job, JobDeed::retry, 0});
+    const auto again = farm.tiles("w");
+    REQUIRE_FALSE(again.empty());
+    farm.say("w", probed(again[0], [](PixelRect) { return 1.0f; }));
+    const auto tiles = farm.tiles("w");
+    REQUIRE_FALSE(tiles.empty());
+    CHECK(tiles[0].probe_side == 0);
+}
+
 TEST_CASE("machines of different speeds end together, on even pictures and uneven ones") {
     for (double (*cost)(PixelRect) : {even, uneven}) {
         Farm farm;
