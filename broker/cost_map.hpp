@@ -30,7 +30,6 @@ public:
     /// A probe has found so many rays for each camera ray, on the average of each spot. Call once
     /// at most. What is not finite, or below 0, counts as 1.
     void take_probe(const std::vector<double>& rays);
-    [[nodiscard]] bool is_probed() const { return probed_; }
     /// Cells are done, for the first time, and were so much work.
     void learn(const protocol::CellRect& cells, double work);
 

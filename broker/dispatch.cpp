@@ -6,8 +6,6 @@
 #include "common/protocol/probe.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 
 namespace fraja::broker {
 
@@ -202,8 +200,8 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
     }
     job.probe = Job::Probe::in_flight;
     const auto squares = static_cast<double>(probe_squares(s.settings.crop, side));
-    send_grant(peer, worker, job, Grant{.id = OpenTileId::none, .tile = {}, .work = squares},
-               AttemptNumber{attempts_ + 1}, side);
+    send_grant(peer, worker, job, Grant{.probe_side = side, .tile = {}, .work = squares},
+               AttemptNumber{attempts_ + 1});
     return true;
 }
 
@@ -236,7 +234,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
     if (!handed)
         return false;
     send_grant(peer, worker, job,
-               Grant{.id = handed->id, .tile = handed->tile, .work = handed->work}, attempt, 0);
+               Grant{.id = handed->id, .tile = handed->tile, .work = handed->work}, attempt);
     if (job.phase == JobPhase::queued) {
         job.phase = JobPhase::running;
         publish_state(job);
@@ -245,7 +243,8 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
 }
 
 void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
-                            AttemptNumber attempt, std::uint32_t probe_side) {
+                            AttemptNumber attempt) {
+    const std::uint32_t probe_side = grant.probe_side;
     FRAJA_ASSERT(worker.grants.size() < worker.room());
     attempts_ = static_cast<std::uint32_t>(attempt);
     const TileIndex tile = probe_side > 0 ? TileIndex{} : job.index(grant.tile);

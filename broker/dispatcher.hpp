@@ -70,7 +70,8 @@ private:
     };
     /// A tile at a worker. It takes up credit until the worker answers, also when it is cancelled.
     struct Grant {
-        OpenTileId id{}; ///< none: it is a probe of the job's picture
+        OpenTileId id{};              ///< none: it is a probe of the job's picture
+        std::uint32_t probe_side = 0; ///< then
         Tile tile{};
         double work = 0; ///< that it is thought to be
         Instant granted_at{}, progress_at{};
@@ -159,7 +160,7 @@ private:
     bool grant_probe(const PeerId& peer, WorkerSession& worker, Job& job);
     bool grant_tile(const PeerId& peer, WorkerSession& worker, Job& job);
     void send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
-                    AttemptNumber attempt, std::uint32_t probe_side);
+                    AttemptNumber attempt);
     [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
     [[nodiscard]] double tile_time_min_s() const;
     [[nodiscard]] double speed_of(const WorkerSession& worker) const;
@@ -205,7 +206,7 @@ private:
     void tile_failed(const PeerId& peer, WorkerSession& worker, const protocol::TileFailed& answer);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
-    void take_probe(Job& job, const protocol::TileRendered& answer);
+    void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);
     void count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
                        const std::string& why);
     void take_back(const GrantKey& key, const Grant& grant, bool counts,

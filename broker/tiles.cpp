@@ -1,7 +1,6 @@
 // Dispatcher: what becomes of the tiles that were given out.
 #include "broker/dispatcher.hpp"
 
-#include "common/protocol/probe.hpp"
 #include "common/protocol/topics.hpp"
 
 #include <algorithm>
@@ -97,17 +96,14 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                              std::to_string(wanted));
     }
     if (is_probe)
-        return take_probe(*job, answer);
+        return take_probe(*job, answer, grant->probe_side);
     accept(*job, worker, *grant, answer);
 }
 
 /// Each spot of the picture has the mean of the squares that it lies in.
-void Dispatcher::take_probe(Job& job, const TileRendered& answer) {
+void Dispatcher::take_probe(Job& job, const TileRendered& answer, std::uint32_t side) {
     const std::vector<float> rays = floats_of(answer.blobs);
     const PixelRect& crop = job.submission().settings.crop;
-    std::uint32_t side = job.grid().side(); // as grant_probe() did
-    while (probe_squares(crop, side) > rays.size())
-        side *= 2;
     const std::uint64_t columns = (std::uint64_t{crop.width} + side - 1) / side;
     std::vector<double> spots(job.costs().spot_count());
     for (std::size_t i = 0; i < spots.size(); ++i) {

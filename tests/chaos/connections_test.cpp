@@ -18,14 +18,6 @@ using namespace fraja::e2e;
 
 namespace {
 
-/// Resident memory of a process, in MiB.
-double resident_mib(pid_t pid) {
-    std::ifstream in("/proc/" + std::to_string(pid) + "/statm");
-    double total = 0, resident = 0;
-    in >> total >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
-}
-
 std::string noise(Rng& rng, std::size_t size) {
     std::string bytes(size, 0);
     for (char& c : bytes)

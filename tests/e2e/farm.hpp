@@ -60,6 +60,9 @@ private:
     fs::path path_;
 };
 
+/// Resident memory of a process, in MiB.
+double resident_mib(pid_t pid);
+
 /// The bytes of a file; the test fails when it is not there.
 std::string bytes_of(const std::string& path);
 
