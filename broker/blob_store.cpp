@@ -35,11 +35,11 @@ void BlobStore::release(const ContentHash& hash) {
     }
 }
 
-void BlobStore::restore(const ContentHash& hash, Bytes bytes) {
+void BlobStore::restore(const ContentHash& hash, Blob bytes) {
     Entry& entry = entries_.at(hash);
-    FRAJA_ASSERT(bytes.size() == entry.total_bytes);
+    FRAJA_ASSERT(bytes->size() == entry.total_bytes);
     entry.data.clear();
-    entry.whole = make_blob(std::move(bytes));
+    entry.whole = std::move(bytes);
 }
 
 Blob BlobStore::whole(const ContentHash& hash) const {

@@ -22,7 +22,7 @@ public:
     void release(const ContentHash& hash);
 
     /// Gives a blob that was kept elsewhere, and has been acquired, its bytes, which must be right.
-    void restore(const ContentHash& hash, Bytes bytes);
+    void restore(const ContentHash& hash, Blob bytes);
 
     [[nodiscard]] bool complete(const ContentHash& hash) const { return whole(hash) != nullptr; }
     /// Null until it is complete.

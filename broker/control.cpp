@@ -55,7 +55,7 @@ std::optional<std::string> Dispatcher::retry(Job& job) {
 
 void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     Job* job = job_of(control.job);
-    if (!job)
+    if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", control.job);
     std::optional<std::string> objection;
     switch (control.deed) {

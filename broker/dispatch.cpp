@@ -6,6 +6,7 @@
 #include "common/protocol/probe.hpp"
 
 #include <algorithm>
+#include <tuple>
 
 namespace fraja::broker {
 
@@ -69,16 +70,21 @@ void Dispatcher::look_ready(Job& job) {
 }
 
 /// Higher priority first; of equals whoever has the fewest tiles in flight, so that jobs share the
-/// farm.
+/// farm. Orders are together one of these, and go one after the other: whoever gave them counts on
+/// that.
 Job* Dispatcher::job_for_next_tile() {
     Job* best = nullptr;
-    const auto before = [](const Job& a, const Job& b) {
-        if (a.priority != b.priority)
-            return a.priority > b.priority;
-        if (a.in_flight_count() != b.in_flight_count())
-            return a.in_flight_count() < b.in_flight_count();
-        return a.number() < b.number();
+    std::size_t orders_in_flight = 0;
+    for (const auto& [id, order] : orders_)
+        orders_in_flight += jobs_.at(id).in_flight_count();
+    const auto place = [&](const Job& job) {
+        const auto order = orders_.find(job.id());
+        const bool is_order = order != orders_.end();
+        return std::tuple(-std::int64_t{job.priority},
+                          is_order ? orders_in_flight : job.in_flight_count(), !is_order,
+                          is_order ? order->second.number : job.number());
     };
+    const auto before = [&](const Job& a, const Job& b) { return place(a) < place(b); };
     for (const JobId& id : ready_) {
         Job& job = jobs_.at(id);
         if (!best || before(job, *best))
@@ -182,25 +188,37 @@ bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
     return grant_probe(peer, worker, job) || grant_tile(peer, worker, job);
 }
 
-/// Squares so large that the probe is no burden.
+/// The side of a probe's squares: so large that it is no burden, or as was ordered. Nothing where
+/// there would be too few to tell anything.
+std::optional<std::uint32_t> Dispatcher::probe_side(const Job& job) const {
+    if (const auto order = orders_.find(job.id()); order != orders_.end())
+        return order->second.probe_side;
+    const PictureSettings& s = job.submission().settings;
+    const auto pixels = static_cast<double>(s.crop.pixel_count());
+    const auto squares_max =
+        std::min(limits_.probe_squares_max,
+                 static_cast<std::uint64_t>(pixels * samples_of(s) * probe_share));
+    if (squares_max < probe_squares_min)
+        return std::nullopt;
+    std::uint32_t side = job.grid().side();
+    while (probe_squares(s.crop, side) > squares_max && side < picture_side_max)
+        side *= 2;
+    if (side > s.crop.width + s.crop.height)
+        return std::nullopt;
+    return side;
+}
+
 bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job) {
     if (job.probe != Job::Probe::wanted)
         return false;
-    const SubmitJob& s = job.submission();
-    const auto pixels = static_cast<double>(s.settings.crop.pixel_count());
-    const auto squares_max =
-        std::min(limits_.probe_squares_max,
-                 static_cast<std::uint64_t>(pixels * samples_of(s.settings) * probe_share));
-    std::uint32_t side = job.grid().side();
-    while (probe_squares(s.settings.crop, side) > squares_max && side < picture_side_max)
-        side *= 2;
-    if (squares_max < probe_squares_min || side > s.settings.crop.width + s.settings.crop.height) {
+    const auto side = probe_side(job);
+    if (!side) {
         job.probe = Job::Probe::over;
         return false;
     }
     job.probe = Job::Probe::in_flight;
-    const auto squares = static_cast<double>(probe_squares(s.settings.crop, side));
-    send_grant(peer, worker, job, Grant{.probe_side = side, .tile = {}, .work = squares},
+    const auto squares = static_cast<double>(probe_squares(job.submission().settings.crop, *side));
+    send_grant(peer, worker, job, Grant{.probe_side = *side, .tile = {}, .work = squares},
                AttemptNumber{attempts_ + 1});
     return true;
 }
@@ -208,7 +226,8 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
 /// So that all threads are through at about the same time, and no time is lost with too many tiles.
 double Dispatcher::work_wanted(const WorkerSession& worker, const Job& job) const {
     const double speed = speed_of(worker);
-    const double left = std::max(0.0, job.costs().left() - job.work_in_flight());
+    const double left = is_order(job) ? work_left_of_orders()
+                                      : std::max(0.0, job.costs().left() - job.work_in_flight());
     const double share = left * speed / std::max(capacity_, speed);
     const double parts = job.costs().is_blank()                    ? parts_of_share_blank
                          : job.costs().share_done() < learnt_share ? parts_of_share_probed
@@ -259,7 +278,7 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
                           .tile = tile,
                           .attempt = attempt,
                           .frame = 0,
-                          .pass = grant.tile.pass,
+                          .pass = job.pass(grant.tile),
                           .rect = probe_side > 0 ? s.settings.crop : job.rect(grant.tile),
                           .scene = s.scene,
                           .scene_bytes = s.scene_bytes,

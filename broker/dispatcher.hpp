@@ -58,6 +58,9 @@ public:
     [[nodiscard]] std::size_t worker_count() const { return workers_.size(); }
     [[nodiscard]] std::size_t client_count() const { return clients_.size(); }
     [[nodiscard]] std::size_t job_count() const { return jobs_.size(); }
+    /// Of workers that have room for tiles, if not at the moment.
+    [[nodiscard]] std::uint64_t thread_count() const;
+    [[nodiscard]] std::vector<OrderProgress> order_progress() const;
     /// What a person wants to know, one line each: for USR1.
     [[nodiscard]] std::vector<std::string> describe(Instant now) const;
 
@@ -134,7 +137,8 @@ private:
     void give_chunk(const PeerId& peer, const protocol::NeedChunk& need);
     void acknowledge(Job& job);
     void find_job(const PeerId& peer, const protocol::FindJob& find);
-    void end_job(Job& job, protocol::JobPhase phase, const std::string& reason);
+    void end_job(Job& job, protocol::JobPhase phase, const std::string& reason,
+                 protocol::FailureCode fault = protocol::FailureCode::machine);
     void forget(JobId id);
     [[nodiscard]] Job* job_of(const JobId& id);
 
@@ -157,6 +161,7 @@ private:
     [[nodiscard]] std::size_t workers_for(const Job& job) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
     bool grant(const PeerId& peer, WorkerSession& worker, Job& job);
+    [[nodiscard]] std::optional<std::uint32_t> probe_side(const Job& job) const;
     bool grant_probe(const PeerId& peer, WorkerSession& worker, Job& job);
     bool grant_tile(const PeerId& peer, WorkerSession& worker, Job& job);
     void send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
@@ -240,6 +245,14 @@ private:
     void bury(const JobId& job);
     [[nodiscard]] protocol::JobState state_of(const Job& job) const;
 
+    // orders.cpp: what another broker wants of this one
+    void on(const Ordered& event);
+    void on(const OrderWithdrawn& event);
+    [[nodiscard]] bool is_order(const Job& job) const { return orders_.contains(job.id()); }
+    void fill_probe(Job& job, const protocol::TileRendered& answer);
+    void end_order(Job& job, protocol::JobPhase phase, protocol::FailureCode fault);
+    [[nodiscard]] double work_left_of_orders() const;
+
     // stream.cpp: who hears of it
     void on(const TopicSubscribed& event);
     void on(const TopicUnsubscribed& event);
@@ -277,6 +290,12 @@ private:
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
     BlobStore blobs_;
+    struct OpenOrder {
+        std::uint64_t number = 0; ///< in the order in which they came
+        std::uint32_t probe_side = 0;
+    };
+    std::map<JobId, OpenOrder> orders_; ///< each is a job as well
+    std::uint64_t last_order_ = 0;
 
     std::uint64_t persisted_ = 0;   ///< the last sequence
     std::deque<Unstored> unstored_; ///< in order

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <variant>
@@ -18,6 +19,17 @@ namespace fraja::broker {
 
 /// A connection, as the ROUTER names it.
 using PeerId = std::string;
+
+/// A tile or a probe that another broker wants of this one: as in protocol::RenderTile.
+struct Order {
+    JobId id; ///< of the job that is made of it here: never used before
+    std::uint32_t pass = 0;
+    PixelRect rect;
+    ContentHash scene;
+    Blob scene_text; ///< of that hash
+    protocol::PictureSettings settings;
+    std::uint32_t probe_side = 0;
+};
 
 // ------------------------------------------------------------------------------------------ events
 
@@ -61,10 +73,17 @@ struct SceneLoaded {
     PeerId peer;
     std::optional<Bytes> scene; ///< nothing: it is not kept
 };
+/// Answered by OrderFilled or OrderFailed, unless it is withdrawn.
+struct Ordered {
+    Order order;
+};
+struct OrderWithdrawn {
+    JobId id;
+};
 
-using Event =
-    std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, TopicSubscribed, TopicUnsubscribed,
-                 Tick, Restored, Stored, StoreFails, StoreWorks, SceneLoaded>;
+using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, TopicSubscribed,
+                           TopicUnsubscribed, Tick, Restored, Stored, StoreFails, StoreWorks,
+                           SceneLoaded, Ordered, OrderWithdrawn>;
 
 // ----------------------------------------------------------------------------------------- actions
 
@@ -93,12 +112,31 @@ struct LoadScene {
     ContentHash scene;
     PeerId peer; ///< who wants it
 };
+/// The order's pixels, in parts that may overlap, or a probe's numbers.
+struct OrderFilled {
+    JobId id;
+    std::vector<std::shared_ptr<const protocol::TileDone>> parts;
+    std::vector<Blob> probe;
+    protocol::Rays rays;
+    Duration render_time{}; ///< summed over render threads
+};
+/// How far one is.
+struct OrderProgress {
+    JobId id;
+    std::uint64_t rays = 0; ///< traced so far, as far as workers have told
+};
+struct OrderFailed {
+    JobId id;
+    protocol::FailureCode code{}; ///< whose fault it is
+    std::string reason;
+};
 enum class LogLevel : std::uint8_t { debug, info, warning, error };
 struct Log {
     LogLevel level;
     std::string text;
 };
 
-using Action = std::variant<Send, Publish, Persist, SendStored, LoadScene, Log>;
+using Action =
+    std::variant<Send, Publish, Persist, SendStored, LoadScene, OrderFilled, OrderFailed, Log>;
 
 } // namespace fraja::broker

@@ -61,6 +61,11 @@ void Job::set_passes(std::uint32_t passes) {
     fresh_end_ = grid_.count() * passes;
 }
 
+void Job::set_only_pass(std::uint32_t pass) {
+    set_passes(1);
+    first_pass_ = pass;
+}
+
 void Job::take_probe(const std::vector<double>& rays_of_spots) {
     costs_.take_probe(rays_of_spots);
     rank_anew();

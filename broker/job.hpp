@@ -74,6 +74,10 @@ public:
     [[nodiscard]] std::uint32_t passes() const { return passes_; }
     /// Before anything is handed out, and 1 at least: so many only.
     void set_passes(std::uint32_t passes);
+    /// Before anything is handed out: that one alone. Here it is called 0.
+    void set_only_pass(std::uint32_t pass);
+    /// What workers call a tile's pass.
+    [[nodiscard]] std::uint32_t pass(const Tile& tile) const { return first_pass_ + tile.pass; }
     /// No pass is begun any more but the first, which must be.
     void set_time_is_up();
 
@@ -195,6 +199,8 @@ public:
     bool is_being_kept = false; ///< and it is acknowledged then
     bool holds_scene = false;   ///< counted in the blob store
 
+    [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
+    [[nodiscard]] Duration render_time() const { return render_time_; }
     [[nodiscard]] protocol::JobState state(std::uint64_t epoch, Instant now) const;
 
 private:
@@ -249,6 +255,7 @@ private:
     protocol::CellGrid grid_;
     CostMap costs_;
     std::uint32_t passes_;
+    std::uint32_t first_pass_ = 0;
 
     std::vector<std::uint32_t> order_; ///< fixed tiles: cells; explicit orders: ranks of blocks
     std::uint64_t fresh_ = 0;          ///< fixed tiles from here on were never handed out

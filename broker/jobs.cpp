@@ -68,8 +68,9 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
                                                      std::to_string(limits_.dealt_cells_max) +
                                                      " tiles are dealt out at once");
     }
-    const auto live =
-        std::ranges::count_if(jobs_, [](const auto& j) { return !is_over(j.second.phase); });
+    const auto live = std::ranges::count_if(job_by_number_, [this](const auto& entry) {
+        return !is_over(jobs_.at(entry.second).phase);
+    });
     if (static_cast<std::size_t>(live) >= limits_.jobs_max)
         return refused(RefusalCode::limit_exceeded,
                        "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time");
@@ -88,7 +89,7 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
         const bool same = submission.resume
                               ? s.scene == submission.scene && s.settings == submission.settings
                               : s == submission;
-        if (!same)
+        if (!same || is_order(*known))
             return refuse(peer, RefusalCode::conflict, "another job has this id", submission.job);
         if (submission.resume &&
             (known->phase == JobPhase::failed || known->phase == JobPhase::cancelled))
@@ -287,7 +288,7 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
                 found = {&job};
         if (found.empty())
             for (const auto& [id, job] : jobs_)
-                if (to_string(id).starts_with(what))
+                if (!is_order(job) && to_string(id).starts_with(what))
                     found.push_back(&job);
     }
     if (found.empty())
@@ -314,7 +315,8 @@ void Dispatcher::end_jobs_whose_time_is_up() {
     }
 }
 
-void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
+/// An order is no more after that.
+void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, FailureCode fault) {
     const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
     job.phase = phase;
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
@@ -323,6 +325,8 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason) {
     if (job.acknowledged_at)
         deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
     cancel_unwanted(job, assigned);
+    if (is_order(job))
+        return end_order(job, phase, fault);
     keep_phase(job);
     const auto state = state_of(job);
     log(phase == JobPhase::failed ? LogLevel::warning : LogLevel::info,

@@ -127,7 +127,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");
     job.holds_scene = true;
     if (!blobs_.complete(scene->first))
-        blobs_.restore(scene->first, scene->second);
+        blobs_.restore(scene->first, make_blob(scene->second));
     if (job.all_done())
         return end_job(job, JobPhase::done, "");
     look_ready(job);
@@ -142,7 +142,7 @@ void Dispatcher::on(const SceneLoaded& event) {
         blobs_.acquire(scene, event.scene->size())) {
         job->holds_scene = true;
         if (!blobs_.complete(scene))
-            blobs_.restore(scene, *event.scene);
+            blobs_.restore(scene, make_blob(*event.scene));
     }
     if (const auto objection = retry(*job))
         return refuse(event.peer, RefusalCode::invalid, *objection, event.job);

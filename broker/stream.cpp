@@ -82,7 +82,7 @@ void Dispatcher::publish_farm_state() {
 
 void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
     const Job* job = job_of(wish.job);
-    if (!job)
+    if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", wish.job);
     std::uint32_t tiles = 0;
     std::uint64_t bytes = 0;

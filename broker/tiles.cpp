@@ -95,6 +95,8 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                          "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
                              std::to_string(wanted));
     }
+    if (is_probe && is_order(*job))
+        return fill_probe(*job, answer);
     if (is_probe)
         return take_probe(*job, answer, grant->probe_side);
     accept(*job, worker, *grant, answer);
@@ -131,7 +133,7 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
     auto result = std::make_shared<TileDone>(TileDone{.job = job.id(),
                                                       .tile = answer.tile,
                                                       .frame = 0,
-                                                      .pass = grant.tile.pass,
+                                                      .pass = job.pass(grant.tile),
                                                       .rect = job.rect(grant.tile),
                                                       .worker_name = worker.hello.worker_name,
                                                       .rays = answer.rays,
@@ -168,7 +170,7 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     if (!job || is_over(job->phase))
         return;
     if (answer.code == FailureCode::scene)
-        return end_job(*job, JobPhase::failed, answer.reason);
+        return end_job(*job, JobPhase::failed, answer.reason, FailureCode::scene);
     // Who leaves has said so, by a credit of 0, before it hands back. Anybody else who cancels what
     // nobody asked it to would be given the same tile again, for ever: that is a failure.
     const bool at_its_own_wish =
@@ -187,8 +189,11 @@ void Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
     if (!job || is_over(job->phase))
         return;
     if (grant.id == OpenTileId::none) { // it goes without
-        if (job->probe == Job::Probe::in_flight)
-            job->probe = Job::Probe::over;
+        if (job->probe != Job::Probe::in_flight)
+            return;
+        job->probe = Job::Probe::over;
+        if (is_order(*job))
+            return end_job(*job, JobPhase::failed, why);
         return look_ready(*job);
     }
     if (!job->assigned_as(grant.id, key.attempt))

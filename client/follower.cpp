@@ -198,8 +198,9 @@ protocol::TileDone Follower::part_of(const protocol::TileDone& tile,
     part.rect = grid_.pixels(cells);
     part.tile =
         TileIndex(static_cast<std::uint32_t>(tile.pass * grid_.count() + grid_.index(cells)));
-    part.blobs =
-        protocol::pixels_of_part(tile.blobs, tile.rect, part.rect, state_.settings.pixel_bytes());
+    protocol::PixelPlanes whole(tile.rect, state_.settings.pixel_bytes());
+    whole.place(tile.rect, tile.blobs);
+    part.blobs = whole.blobs(part.rect);
     const double share =
         static_cast<double>(part.rect.pixel_count()) / static_cast<double>(tile.rect.pixel_count());
     std::apply(

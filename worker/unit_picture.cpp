@@ -1,18 +1,13 @@
 #include "worker/unit_picture.hpp"
 
 #include "common/base/assert.hpp"
-#include "common/protocol/limits.hpp"
-#include "common/protocol/pixels.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <tuple>
 #include <utility>
 
 namespace fraja::worker {
 namespace {
-
-using protocol::colour_bytes, protocol::plane_bytes;
 
 PixelRect common_part(const PixelRect& a, const PixelRect& b) {
     const auto along = [](std::uint32_t from_a, std::uint32_t length_a, std::uint32_t from_b,
@@ -52,10 +47,8 @@ protocol::Rays share_of(const protocol::Rays& rays, const PixelRect& whole, cons
 } // namespace
 
 UnitPicture::UnitPicture(const Shape& shape)
-    : shape_(shape), bytes_(shape.area.pixel_count() * shape.pixel_bytes),
-      rays_(shape.unit_count()) {
+    : shape_(shape), pixels_(shape.area, shape.pixel_bytes), rays_(shape.unit_count()) {
     FRAJA_ASSERT(shape.unit_side > 0 && shape.unit_side <= side_max);
-    FRAJA_ASSERT(shape.pixel_bytes >= colour_bytes);
 }
 
 PixelRect UnitPicture::unit(std::uint64_t index) const {
@@ -67,49 +60,10 @@ PixelRect UnitPicture::unit(std::uint64_t index) const {
                        shape_.area);
 }
 
-template <class F>
-void UnitPicture::for_each_row(const PixelRect& rect, F deed) const {
-    FRAJA_ASSERT(rect.inside(shape_.area));
-    const PixelRect& area = shape_.area;
-    std::size_t plane_begin = 0, at = 0;
-    for (std::size_t done = 0; done < shape_.pixel_bytes;) {
-        const std::size_t size = done == 0 ? colour_bytes : plane_bytes;
-        for (std::uint32_t row = 0; row < rect.height; ++row) {
-            const std::size_t pixel =
-                std::size_t{rect.y - area.y + row} * area.width + (rect.x - area.x);
-            deed(plane_begin + pixel * size, at, rect.width * size);
-            at += rect.width * size;
-        }
-        plane_begin += area.pixel_count() * size;
-        done += size;
-    }
-}
-
 void UnitPicture::place(std::uint64_t index, const std::vector<Blob>& blobs,
                         const protocol::Rays& rays) {
-    static_assert(std::size_t{side_max} * side_max * 20 <= protocol::chunk_bytes);
-    const PixelRect rect = unit(index);
-    FRAJA_ASSERT(blobs.size() == 1 && blobs[0]->size() == rect.pixel_count() * shape_.pixel_bytes);
-    for_each_row(rect, [&](std::size_t here, std::size_t there, std::size_t size) {
-        std::memcpy(bytes_.data() + here, blobs[0]->data() + there, size);
-    });
+    pixels_.place(unit(index), blobs);
     rays_.at(index) = rays;
-}
-
-std::vector<Blob> UnitPicture::blobs(const PixelRect& rect) const {
-    Bytes all(rect.pixel_count() * shape_.pixel_bytes);
-    for_each_row(rect, [&](std::size_t here, std::size_t there, std::size_t size) {
-        std::memcpy(all.data() + there, bytes_.data() + here, size);
-    });
-    if (all.size() <= protocol::chunk_bytes)
-        return {make_blob(std::move(all))};
-    std::vector<Blob> blobs;
-    for (std::size_t begin = 0; begin < all.size(); begin += protocol::chunk_bytes) {
-        const std::size_t end = std::min(begin + protocol::chunk_bytes, all.size());
-        blobs.push_back(make_blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
-                                        all.begin() + static_cast<std::ptrdiff_t>(end))));
-    }
-    return blobs;
 }
 
 const protocol::Rays& UnitPicture::rays_of_unit(const PixelRect& rect) const {

@@ -4,6 +4,7 @@
 #include "common/base/bytes.hpp"
 #include "common/base/pixel_rect.hpp"
 #include "common/protocol/messages.hpp"
+#include "common/protocol/pixels.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -39,19 +40,17 @@ public:
     void place(std::uint64_t index, const std::vector<Blob>& blobs, const protocol::Rays& rays);
 
     /// `rect` lies within the area. What pixel_blobs gives for that tile.
-    [[nodiscard]] std::vector<Blob> blobs(const PixelRect& rect) const;
+    [[nodiscard]] std::vector<Blob> blobs(const PixelRect& rect) const {
+        return pixels_.blobs(rect);
+    }
     /// Of units that lie in it in part, as large a part.
     [[nodiscard]] protocol::Rays rays(const PixelRect& rect) const;
     /// All of the unit in which the rect begins.
     [[nodiscard]] const protocol::Rays& rays_of_unit(const PixelRect& rect) const;
 
 private:
-    /// Calls deed(offset of a row of `rect` in the picture, offset in the rect's own bytes, bytes).
-    template <class F>
-    void for_each_row(const PixelRect& rect, F deed) const;
-
     Shape shape_;
-    Bytes bytes_; // plane by plane
+    protocol::PixelPlanes pixels_;
     std::vector<protocol::Rays> rays_;
 };
 

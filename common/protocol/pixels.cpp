@@ -4,39 +4,57 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
-#include <cstddef>
+#include <cstring>
+#include <utility>
 
 namespace fraja::protocol {
 
-std::vector<Blob> pixels_of_part(const std::vector<Blob>& blobs, const PixelRect& rect,
-                                 const PixelRect& part, std::uint64_t pixel_bytes) {
-    FRAJA_ASSERT(part.inside(rect));
-    Bytes whole;
-    for (const Blob& blob : blobs)
-        whole.insert(whole.end(), blob->begin(), blob->end());
-    FRAJA_ASSERT(whole.size() == rect.pixel_count() * pixel_bytes);
+PixelPlanes::PixelPlanes(const PixelRect& area, std::uint64_t pixel_bytes)
+    : area_(area), pixel_bytes_(pixel_bytes), bytes_(area.pixel_count() * pixel_bytes) {
+    FRAJA_ASSERT(pixel_bytes >= colour_bytes && (pixel_bytes - colour_bytes) % plane_bytes == 0);
+}
 
-    Bytes bytes;
-    bytes.reserve(part.pixel_count() * pixel_bytes);
-    std::uint64_t plane_begin = 0;
-    for (std::uint64_t done = 0; done < pixel_bytes;) {
+template <class F>
+void PixelPlanes::for_each_row(const PixelRect& part, F deed) const {
+    FRAJA_ASSERT(part.inside(area_));
+    std::size_t plane_begin = 0, there = 0;
+    for (std::uint64_t done = 0; done < pixel_bytes_;) {
         const std::uint64_t size = done == 0 ? colour_bytes : plane_bytes;
-        for (std::uint32_t y = part.y; y < part.y + part.height; ++y) {
-            const std::uint64_t first = std::uint64_t{y - rect.y} * rect.width + (part.x - rect.x);
-            const auto begin =
-                whole.begin() + static_cast<std::ptrdiff_t>(plane_begin + first * size);
-            bytes.insert(bytes.end(), begin,
-                         begin + static_cast<std::ptrdiff_t>(part.width * size));
+        for (std::uint32_t row = 0; row < part.height; ++row) {
+            const std::size_t pixel =
+                std::size_t{part.y - area_.y + row} * area_.width + (part.x - area_.x);
+            deed(plane_begin + pixel * size, there, part.width * size);
+            there += part.width * size;
         }
-        plane_begin += rect.pixel_count() * size;
+        plane_begin += area_.pixel_count() * size;
         done += size;
     }
+}
 
+void PixelPlanes::place(const PixelRect& part, const std::vector<Blob>& blobs) {
+    Bytes joined;
+    if (blobs.size() != 1)
+        for (const Blob& blob : blobs)
+            joined.insert(joined.end(), blob->begin(), blob->end());
+    const Bytes& whole = blobs.size() == 1 ? *blobs.front() : joined;
+    FRAJA_ASSERT(whole.size() == part.pixel_count() * pixel_bytes_);
+    for_each_row(part, [&](std::size_t here, std::size_t there, std::size_t size) {
+        std::memcpy(bytes_.data() + here, whole.data() + there, size);
+    });
+}
+
+std::vector<Blob> PixelPlanes::blobs(const PixelRect& part) const {
+    Bytes all(part.pixel_count() * pixel_bytes_);
+    for_each_row(part, [&](std::size_t here, std::size_t there, std::size_t size) {
+        std::memcpy(all.data() + there, bytes_.data() + here, size);
+    });
+    if (all.size() <= chunk_bytes)
+        return {make_blob(std::move(all))};
     std::vector<Blob> cut;
-    for (std::size_t begin = 0; begin < bytes.size(); begin += chunk_bytes) {
-        const std::size_t end = std::min(begin + chunk_bytes, bytes.size());
-        cut.push_back(make_blob(Bytes(bytes.begin() + static_cast<std::ptrdiff_t>(begin),
-                                      bytes.begin() + static_cast<std::ptrdiff_t>(end))));
+    for (std::size_t begin = 0; begin < all.size(); begin += chunk_bytes) {
+        const std::size_t end = std::min(begin + chunk_bytes, all.size());
+        cut.push_back(make_blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
+                                      all.begin() + static_cast<std::ptrdiff_t>(end))));
     }
     return cut;
 }

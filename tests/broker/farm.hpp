@@ -165,6 +165,8 @@ public:
     std::vector<Persist> persisted;
     std::vector<SendStored> from_store;
     std::vector<LoadScene> scenes_wanted;
+    std::vector<OrderFilled> orders_filled;
+    std::vector<OrderFailed> orders_failed;
     std::vector<Log> logs;
 
 private:
@@ -189,6 +191,10 @@ private:
             from_store.push_back(std::move(*wish));
         else if (auto* load = std::get_if<LoadScene>(&action))
             scenes_wanted.push_back(*load);
+        else if (auto* filled = std::get_if<OrderFilled>(&action))
+            orders_filled.push_back(std::move(*filled));
+        else if (const auto* failed = std::get_if<OrderFailed>(&action))
+            orders_failed.push_back(*failed);
         else
             logs.push_back(std::move(std::get<Log>(action)));
     }

@@ -1,5 +1,6 @@
 // The broker's core, whatever its peers say and when: a stream of events for broker::Dispatcher,
-// and after each of them what every peer may rely on, judged by what it was sent.
+// and after each of them what every peer may rely on, judged by what it was sent. In every other
+// world there is a store, and the broker dies and is started again with what that holds.
 #include "broker/dispatcher.hpp"
 #include "common/base/assert.hpp"
 #include "common/protocol/cells.hpp"
@@ -7,10 +8,12 @@
 #include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
 #include "tests/fuzz/arbitrary.hpp"
+#include "tests/sim/kept.hpp"
 
 #include <algorithm>
 #include <deque>
 #include <map>
+#include <memory>
 #include <set>
 #include <tuple>
 
@@ -25,6 +28,7 @@ constexpr std::uint32_t workers = 4, clients = 3; ///< connections
 constexpr std::size_t events_max = 400;
 constexpr std::uint64_t pixels_max = 4'096; ///< of a job: more takes time and shows nothing new
 constexpr std::uint64_t plan_max = 2'048;   ///< tiles, of all passes
+constexpr std::size_t orders_max = 4;       ///< at once
 
 /// Few of everything, so that the limits are met.
 broker::Limits small_limits() {
@@ -85,8 +89,11 @@ struct WatchedJob {
 
 class World {
 public:
-    explicit World(Input& in)
-        : in_(in), dispatcher_({id_of<BrokerId>(1), epoch, "tcp://*:50058"}, small_limits()) {}
+    explicit World(Input& in) : in_(in) {
+        if (in_.below(2))
+            kept_.emplace(small_limits().tombstones_max);
+        start();
+    }
 
     void run() {
         if (!in_.once_in(4))
@@ -98,8 +105,6 @@ public:
     }
 
 private:
-    static constexpr std::uint64_t epoch = 7;
-
     // Any peer may say anything; but mostly the first ones are workers, the others clients.
     PeerId worker() { return peer(0, workers); }
     PeerId client() { return peer(workers, clients); }
@@ -126,13 +131,49 @@ private:
         say(name_of_peer(workers), ClientHello{});
     }
 
+    void start() {
+        ++epoch_;
+        dispatcher_ = std::make_unique<broker::Dispatcher>(
+            broker::Dispatcher::Identity{id_of<BrokerId>(1), epoch_, "tcp://*:50058",
+                                         kept_.has_value()},
+            small_limits());
+        if (!kept_)
+            return;
+        broker::Restored restored{kept_->contents(now_.since_start), {}};
+        for (const broker::StoredJob& stored : restored.contents.jobs) {
+            if (auto scene = kept_->scene(stored.submission.scene))
+                restored.scenes[stored.submission.scene] = std::move(*scene);
+            WatchedJob& job = jobs_[stored.submission.job];
+            job = {.number = stored.number,
+                   .settings = stored.submission.settings,
+                   .phase = stored.phase,
+                   .done_count = 0,
+                   .published = {}};
+            for (const broker::StoredTile& tile : stored.tiles)
+                add_places(tile.rect, tile.pass, job.published);
+        }
+        step(restored);
+    }
+
+    /// What was not committed is lost, and so is every session.
+    void die() {
+        writing_.clear();
+        orders_.clear();
+        peers_.clear();
+        needed_.clear();
+        jobs_.clear();
+        store_fails_ = false;
+        persisted_ = 0;
+        start();
+    }
+
     void one_event() {
-        switch (in_.below(20)) {
+        switch (in_.below(24)) {
         case 0:
             now_ = now_ + time_step(in_);
             return step(broker::Tick{});
         case 1:
-            now_ = std::max(now_, dispatcher_.next_deadline());
+            now_ = std::max(now_, dispatcher_->next_deadline());
             return step(broker::Tick{});
         case 2:
             return say(worker(), hello());
@@ -166,6 +207,13 @@ private:
             return say_again(anybody());
         case 19:
             return say(anybody(), any_message(in_));
+        case 20:
+            return order();
+        case 21:
+        case 22:
+            return commit();
+        case 23:
+            return trouble();
         }
     }
 
@@ -246,6 +294,60 @@ private:
         const Peer::Tile* tile = peers_[peer].pick(in_);
         const auto answer = message_of<TileFailed>(in_);
         say(peer, tile ? answer_to(tile->order, answer) : answer);
+    }
+
+    /// As the broker above would want it.
+    void order() {
+        if (!orders_.empty() && in_.once_in(3)) {
+            const auto at =
+                std::next(orders_.begin(), in_.below(static_cast<std::uint32_t>(orders_.size())));
+            const JobId id = at->first;
+            orders_.erase(at);
+            return step(broker::OrderWithdrawn{id});
+        }
+        const KnownScene& scene = any_scene(in_);
+        broker::Order order;
+        order.id = id_of<JobId>(++last_order_);
+        order.id.bytes[1] = 1; // as no client's
+        fill(in_, order.settings);
+        const PixelRect crop = order.settings.crop;
+        if (orders_.size() >= orders_max || !validate(order.settings) ||
+            crop.pixel_count() > pixels_max)
+            return;
+        order.rect = crop;
+        if (in_.below(2))
+            order.rect = {crop.x, crop.y, (crop.width + 1) / 2, (crop.height + 1) / 2};
+        order.pass = in_.below(pass_count(order.settings));
+        order.scene = scene.hash;
+        order.scene_text = scene.text;
+        if (in_.once_in(8))
+            order.probe_side = 1 + in_.below(64);
+        orders_.emplace(order.id, order);
+        step(broker::Ordered{order});
+    }
+
+    void commit() {
+        if (!kept_ || writing_.empty())
+            return;
+        const std::size_t count = 1 + in_.below(static_cast<std::uint32_t>(writing_.size()));
+        broker::Stored stored;
+        for (std::size_t i = 0; i < count; ++i) {
+            stored.sequence = writing_.front().sequence;
+            kept_->put(writing_.front().write, now_.since_start);
+            writing_.pop_front();
+        }
+        step(stored);
+    }
+
+    void trouble() {
+        if (!kept_)
+            return;
+        if (in_.once_in(3))
+            return die();
+        if (std::exchange(store_fails_, !store_fails_))
+            step(broker::StoreWorks{});
+        else
+            step(broker::StoreFails{"no space"});
     }
 
     /// With what it has, less than that, or something else.
@@ -342,24 +444,57 @@ private:
         }
     }
 
-    void step(const broker::Event& event) {
-        std::vector<broker::Action> actions;
-        dispatcher_.step(now_, event, actions);
-        for (const auto& action : actions)
-            std::visit([this](const auto& a) { check(a); }, action);
-        said_hello_.reset();
-        FRAJA_ASSERT(dispatcher_.next_deadline() > now_ - std::chrono::nanoseconds(1));
+    void step(const broker::Event& first) {
+        std::deque<broker::Event> events{first};
+        while (!events.empty()) {
+            std::vector<broker::Action> actions;
+            dispatcher_->step(now_, events.front(), actions);
+            events.pop_front();
+            for (const auto& action : actions)
+                std::visit([this](const auto& a) { check(a); }, action);
+            events.insert(events.end(), loaded_.begin(), loaded_.end());
+            loaded_.clear();
+            said_hello_.reset();
+        }
+        FRAJA_ASSERT(dispatcher_->next_deadline() > now_ - std::chrono::nanoseconds(1));
         const broker::Limits limits = small_limits();
-        FRAJA_ASSERT(dispatcher_.worker_count() <= limits.workers_max);
-        FRAJA_ASSERT(dispatcher_.client_count() <= limits.clients_max);
-        FRAJA_ASSERT(dispatcher_.job_count() <= limits.jobs_max + limits.finished_jobs_max + 1);
+        FRAJA_ASSERT(dispatcher_->worker_count() <= limits.workers_max);
+        FRAJA_ASSERT(dispatcher_->client_count() <= limits.clients_max);
+        FRAJA_ASSERT(dispatcher_->job_count() <=
+                     limits.jobs_max + limits.finished_jobs_max + 1 + orders_.size());
     }
 
     void check(const broker::Log&) {}
-    // There is no store.
-    void check(const broker::Persist&) { FRAJA_ASSERT(false); }
-    void check(const broker::SendStored&) { FRAJA_ASSERT(false); }
-    void check(const broker::LoadScene&) { FRAJA_ASSERT(false); }
+    void check(const broker::Persist& persist) {
+        FRAJA_ASSERT(kept_ && persist.sequence == ++persisted_);
+        writing_.push_back(persist);
+    }
+    void check(const broker::SendStored& wish) {
+        FRAJA_ASSERT(kept_.has_value());
+        for (const TileIndex tile : wish.tiles)
+            FRAJA_ASSERT(!kept_->tiles(wish.job, tile).empty());
+    }
+    void check(const broker::LoadScene& load) {
+        FRAJA_ASSERT(kept_.has_value());
+        loaded_.push_back(broker::SceneLoaded{load.job, load.peer, kept_->scene(load.scene)});
+    }
+    /// Whole, and asked for.
+    void check(const broker::OrderFilled& filled) {
+        const auto order = orders_.find(filled.id);
+        FRAJA_ASSERT(order != orders_.end());
+        if (order->second.probe_side > 0) {
+            FRAJA_ASSERT(filled.parts.empty());
+        } else {
+            Places places;
+            for (const auto& part : filled.parts) {
+                FRAJA_ASSERT(part->rect.inside(order->second.rect));
+                add_places(part->rect, 0, places);
+            }
+            FRAJA_ASSERT(places.size() == order->second.rect.pixel_count());
+        }
+        orders_.erase(order);
+    }
+    void check(const broker::OrderFailed& failed) { FRAJA_ASSERT(orders_.erase(failed.id) == 1); }
 
     void check(const broker::Send& send) {
         (void)encode(send.message); // it can be sent
@@ -386,6 +521,9 @@ private:
         FRAJA_ASSERT(peer.outstanding.size() < peer.credit);
         FRAJA_ASSERT(validate(tile.settings) && !tile.rect.empty());
         FRAJA_ASSERT(tile.rect.inside(tile.settings.crop));
+        FRAJA_ASSERT(!store_fails_);
+        if (const auto order = orders_.find(tile.job); order != orders_.end())
+            FRAJA_ASSERT(tile.rect.inside(order->second.rect) && tile.pass == order->second.pass);
         const bool fresh =
             peer.outstanding.emplace(key_of(tile), Peer::Tile{tile, peer.tiles_received++}).second;
         FRAJA_ASSERT(fresh); // or an answer could mean either
@@ -409,7 +547,7 @@ private:
     void check_published(const TileDone& tile) {
         WatchedJob& job = jobs_[tile.job];
         FRAJA_ASSERT(job.phase != JobPhase::done && tile.rect.inside(job.settings.crop));
-        add_places(tile, job.published);
+        add_places(tile.rect, tile.pass, job.published);
     }
 
     void check_state(const JobState& state) {
@@ -420,7 +558,7 @@ private:
                    .phase = state.phase,
                    .done_count = 0,
                    .published = {}};
-        FRAJA_ASSERT(state.epoch == epoch && state.settings == job.settings);
+        FRAJA_ASSERT(state.epoch == epoch_ && state.settings == job.settings);
         FRAJA_ASSERT(state.done_count >= job.done_count && state.done_count <= state.cell_count);
         // What failed or was cancelled may be tried again.
         FRAJA_ASSERT(job.phase != JobPhase::done || state.phase == job.phase);
@@ -441,8 +579,8 @@ private:
         note_said(peer, Goodbye{});
         std::vector<broker::Action> actions;
         // Silence makes room for one client more.
-        dispatcher_.step(now_ = now_ + std::chrono::seconds(60), broker::Tick{}, actions);
-        dispatcher_.step(now_, broker::PeerSaid{peer, ClientHello{}}, actions);
+        dispatcher_->step(now_ = now_ + std::chrono::seconds(60), broker::Tick{}, actions);
+        dispatcher_->step(now_, broker::PeerSaid{peer, ClientHello{}}, actions);
         Places places;
         Bitmap have;
         std::optional<RepairDone> done = repair(peer, id, 0, have, places);
@@ -462,39 +600,54 @@ private:
     std::optional<RepairDone> repair(const PeerId& peer, const JobId& job, std::uint32_t tiles_max,
                                      Bitmap& have, Places& places, const CellGrid& grid = {}) {
         std::vector<broker::Action> actions;
-        dispatcher_.step(now_, broker::PeerSaid{peer, Repair{job, tiles_max, have.bytes()}},
-                         actions);
+        dispatcher_->step(now_, broker::PeerSaid{peer, Repair{job, tiles_max, have.bytes()}},
+                          actions);
         std::optional<RepairDone> done;
+        const auto take = [&](const TileDone& tile) {
+            const auto cells = grid.cells(tile.rect);
+            FRAJA_ASSERT(cells && grid.index(*cells) + tile.pass * grid.count() ==
+                                      static_cast<std::size_t>(tile.tile));
+            (void)grid.all_of(*cells, [&](std::uint64_t cell) {
+                have.set(static_cast<std::size_t>(tile.pass * grid.count() + cell));
+                return true;
+            });
+            add_places(tile.rect, tile.pass, places);
+        };
         for (const broker::Action& action : actions)
             if (const auto* send = std::get_if<broker::Send>(&action)) {
-                if (const auto* tile = std::get_if<TileDone>(&send->message)) {
-                    const auto cells = grid.cells(tile->rect);
-                    FRAJA_ASSERT(cells && grid.index(*cells) + tile->pass * grid.count() ==
-                                              static_cast<std::size_t>(tile->tile));
-                    (void)grid.all_of(*cells, [&](std::uint64_t cell) {
-                        have.set(static_cast<std::size_t>(tile->pass * grid.count() + cell));
-                        return true;
-                    });
-                    add_places(*tile, places);
-                } else if (const auto* answer = std::get_if<RepairDone>(&send->message)) {
+                if (const auto* tile = std::get_if<TileDone>(&send->message))
+                    take(*tile);
+                else if (const auto* answer = std::get_if<RepairDone>(&send->message))
                     done = *answer;
-                }
+            } else if (const auto* stored = std::get_if<broker::SendStored>(&action)) {
+                FRAJA_ASSERT(kept_.has_value());
+                for (const TileIndex tile : stored->tiles)
+                    for (const auto& found : kept_->tiles(stored->job, tile))
+                        take(*found);
             }
         return done;
     }
 
     /// At least one must be new.
-    static void add_places(const TileDone& tile, Places& places) {
+    static void add_places(const PixelRect& rect, std::uint32_t pass, Places& places) {
         bool is_new = false;
-        for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
-            for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
-                is_new = places.emplace(tile.pass, x, y).second || is_new;
+        for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
+            for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x)
+                is_new = places.emplace(pass, x, y).second || is_new;
         FRAJA_ASSERT(is_new);
     }
 
     Input& in_;
-    broker::Dispatcher dispatcher_;
+    std::uint64_t epoch_ = 6;
+    std::unique_ptr<broker::Dispatcher> dispatcher_;
     Instant now_{};
+    std::optional<sim::Kept> kept_;
+    std::deque<broker::Persist> writing_; ///< and not committed
+    std::uint64_t persisted_ = 0;
+    bool store_fails_ = false;
+    std::vector<broker::Event> loaded_;
+    std::map<JobId, broker::Order> orders_; ///< open
+    std::uint8_t last_order_ = 0;
     std::map<PeerId, Peer> peers_;
     std::map<JobId, WatchedJob> jobs_;
     std::deque<std::pair<PeerId, NeedChunk>> needed_; ///< asked, and not given

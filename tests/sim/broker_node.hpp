@@ -33,6 +33,8 @@ private:
     void perform(broker::Persist&& persist) { disk_.enqueue(std::move(persist)); }
     void perform(broker::SendStored&& wish);
     void perform(broker::LoadScene&& load);
+    void perform(const broker::OrderFilled&) {} // nobody orders anything of it
+    void perform(const broker::OrderFailed&) {}
     void perform(broker::Log&& line) { farm_.log("broker: " + line.text); }
 
     Farm& farm_;

@@ -29,6 +29,13 @@ std::vector<Blob> pixels(const PixelRect& rect, std::uint64_t pixel_bytes, std::
     return blobs;
 }
 
+std::vector<Blob> pixels_of_part(const std::vector<Blob>& blobs, const PixelRect& rect,
+                                 const PixelRect& part, std::uint64_t pixel_bytes) {
+    PixelPlanes planes(rect, pixel_bytes);
+    planes.place(rect, blobs);
+    return planes.blobs(part);
+}
+
 TEST_CASE("the pixels of a part are those that a tile of its size would have, in every plane") {
     for_each_seed(100, [](Rng& rng) {
         const auto number = [&](std::uint64_t most) {
@@ -45,6 +52,27 @@ TEST_CASE("the pixels of a part are those that a tile of its size would have, in
         REQUIRE(got.size() == want.size());
         for (std::size_t i = 0; i < got.size(); ++i)
             CHECK((*got[i] == *want[i]));
+    });
+}
+
+TEST_CASE("what is put together from parts, some of them twice, is the whole") {
+    for_each_seed(50, [](Rng& rng) {
+        const auto number = [&](std::uint64_t most) {
+            return static_cast<std::uint32_t>(rng.below(most));
+        };
+        const PixelRect area{number(50), number(50), 1 + number(60), 1 + number(60)};
+        const std::uint64_t pixel_bytes = rng.below(2) == 0 ? 12 : 20;
+        PixelPlanes planes(area, pixel_bytes);
+        std::vector<PixelRect> parts;
+        for (std::uint32_t y = 0; y < area.height; y += 7)
+            for (std::uint32_t x = 0; x < area.width; x += 5)
+                parts.push_back({area.x + x, area.y + y, std::min(9u, area.width - x),
+                                 std::min(8u, area.height - y)});
+        for (std::size_t i = parts.size(); i > 1; --i)
+            std::swap(parts[i - 1], parts[number(i)]);
+        for (const PixelRect& part : parts)
+            planes.place(part, pixels(part, pixel_bytes, 1 + rng.below(900)));
+        CHECK((*planes.blobs(area).at(0) == *pixels(area, pixel_bytes, chunk_bytes).at(0)));
     });
 }
 

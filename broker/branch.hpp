@@ -1,0 +1,64 @@
+// Branch: what makes a broker a worker of another one. It stands where a worker has its render
+// threads: the tiles that its session is sent become orders for the dispatcher, which are split
+// among this broker's own workers, and what they draw is put together again.
+#pragma once
+
+#include "broker/events.hpp"
+#include "common/base/rng.hpp"
+#include "common/protocol/pixels.hpp"
+#include "worker/pool.hpp"
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace fraja::broker {
+
+/// As so many threads a branch greets the broker above, however many workers it has: what it is
+/// sent at once is then an eighth of its power, and its speed is learnt there as that of any
+/// worker.
+inline constexpr std::uint32_t branch_threads = 8;
+
+class Branch final : public worker::Pool {
+public:
+    /// `progress`: what is known of the orders' rays, asked when a beat is due. `rng` makes the
+    /// orders' ids, so no two branches that ever meet may have one seed.
+    Branch(std::function<std::vector<OrderProgress>()> progress, Rng rng)
+        : progress_(std::move(progress)), rng_(rng) {}
+
+    // What the session wants; one session.
+    void perform(worker::SessionIndex session, worker::CompileScene action) override;
+    void perform(worker::SessionIndex session, const worker::StartTile& action) override;
+    void perform(worker::SessionIndex session, const worker::StopTile& action) override;
+    void perform(worker::SessionIndex session, const worker::ForgetScene& action) override;
+    [[nodiscard]] std::vector<worker::PoolResult> take_results() override;
+    [[nodiscard]] Instant next_deadline() const override { return Instant::never(); }
+    [[nodiscard]] std::vector<worker::TileProgress>
+    progress(worker::SessionIndex session) const override;
+
+    /// For the dispatcher.
+    [[nodiscard]] std::vector<Event> take_events();
+    /// What it answered. `threads`: of all workers here.
+    void take(const OrderFilled& filled, std::uint64_t threads);
+    void take(const OrderFailed& failed);
+
+private:
+    struct Given {
+        worker::Ticket ticket{};
+        PixelRect rect;
+        std::uint64_t pixel_bytes = 0;
+    };
+    [[nodiscard]] JobId new_id();
+
+    std::function<std::vector<OrderProgress>()> progress_;
+    Rng rng_;
+    std::map<ContentHash, Blob> scenes_;
+    std::map<JobId, Given> orders_;
+    std::map<worker::Ticket, JobId> order_of_;
+    std::vector<Event> events_;
+    std::vector<worker::PoolResult> results_;
+};
+
+} // namespace fraja::broker

@@ -1,0 +1,111 @@
+// Dispatcher: tiles that another broker wants of this one. Each is a job that nobody sees, keeps or
+// follows: whoever wants it has all that, and asks again if this broker dies.
+#include "broker/dispatcher.hpp"
+
+#include "common/protocol/probe.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+constexpr std::uint32_t pass_tile_side = 8; // so that many workers may share a pass's tile
+
+} // namespace
+
+void Dispatcher::on(const Ordered& event) {
+    const Order& order = event.order;
+    const auto acquired = blobs_.acquire(order.scene, order.scene_text->size());
+    if (!acquired)
+        return actions_->push_back(
+            OrderFailed{order.id, FailureCode::machine, acquired.error().message});
+    if (!blobs_.complete(order.scene))
+        blobs_.restore(order.scene, order.scene_text);
+
+    SubmitJob submission{.job = order.id,
+                         .job_name = "an order",
+                         .scene = order.scene,
+                         .scene_bytes = order.scene_text->size(),
+                         .settings = order.settings,
+                         .wishes = {}};
+    submission.settings.crop = order.rect;
+    if (order.settings.limited_in_time())
+        submission.tile_side = pass_tile_side;
+    Job& job = jobs_.emplace(order.id, Job(std::move(submission), 0, {})).first->second;
+    if (order.settings.limited_in_time())
+        job.set_only_pass(order.pass);
+    if (order.probe_side > 0) {
+        (void)job.drop_unfinished(); // the probe is all
+        job.probe = Job::Probe::wanted;
+    }
+    job.holds_scene = true;
+    job.phase = JobPhase::running;
+    job.submitted_at = now_;
+    job.acknowledged_at = now_;
+    orders_[order.id] = {++last_order_, order.probe_side};
+    look_ready(job);
+}
+
+void Dispatcher::on(const OrderWithdrawn& event) {
+    if (Job* job = job_of(event.id); job && is_order(*job))
+        end_job(*job, JobPhase::cancelled, "");
+}
+
+void Dispatcher::fill_probe(Job& job, const TileRendered& answer) {
+    job.probe = Job::Probe::over;
+    actions_->push_back(OrderFilled{job.id(), {}, answer.blobs, answer.rays, answer.elapsed});
+    end_job(job, JobPhase::cancelled, "");
+}
+
+/// Tells whoever ordered it, unless it was cancelled, and forgets it.
+void Dispatcher::end_order(Job& job, JobPhase phase, FailureCode fault) {
+    if (phase == JobPhase::done) {
+        OrderFilled filled{job.id(), {}, {}, job.rays(), job.render_time()};
+        for (const Job::Result& result : job.results())
+            filled.parts.push_back(result.pixels);
+        actions_->push_back(std::move(filled));
+    } else if (phase == JobPhase::failed) {
+        actions_->push_back(OrderFailed{job.id(), fault, job.reason});
+    }
+    blobs_.release(job.submission().scene);
+    orders_.erase(job.id());
+    jobs_.erase(JobId(job.id()));
+}
+
+double Dispatcher::work_left_of_orders() const {
+    double left = 0;
+    for (const auto& [id, order] : orders_) {
+        const Job& job = jobs_.at(id);
+        left += std::max(0.0, job.costs().left() - job.work_in_flight());
+    }
+    return left;
+}
+
+std::uint64_t Dispatcher::thread_count() const {
+    std::uint64_t threads = 0;
+    for (const auto& [peer, worker] : workers_)
+        if (worker.room() > 0)
+            threads += worker.hello.threads;
+    return threads;
+}
+
+std::vector<OrderProgress> Dispatcher::order_progress() const {
+    std::vector<OrderProgress> progress;
+    for (const auto& [id, order] : orders_)
+        progress.push_back({id, jobs_.at(id).rays().total()});
+    if (progress.empty())
+        return progress;
+    for (const auto& [peer, worker] : workers_)
+        for (const auto& [key, grant] : worker.grants) {
+            const auto of = std::ranges::lower_bound(progress, key.job, {}, &OrderProgress::id);
+            if (of != progress.end() && of->id == key.job)
+                of->rays += grant.rays;
+        }
+    return progress;
+}
+
+} // namespace fraja::broker
