@@ -21,23 +21,6 @@ namespace {
 
 constexpr int messages_per_turn_max = 1'000; // then the clock is looked at again
 
-Result<std::string> checked_endpoint(const std::string& text, std::uint16_t default_port,
-                                     bool insecure) {
-    auto endpoint = net::parse_endpoint(text, default_port);
-    if (!endpoint)
-        return endpoint.error();
-    if (endpoint->host == "localhost") // ZeroMQ would look for a network interface of that name
-        endpoint->host = "127.0.0.1";
-    if (!insecure && !net::is_loopback(*endpoint))
-        return Error{
-            ErrorCode::invalid_argument,
-            net::to_string(*endpoint) +
-                " can be reached from other machines, and this broker has no keys yet to tell "
-                "friend "
-                "from stranger: use a loopback address, or say --insecure on a network you trust"};
-    return net::to_string(*endpoint);
-}
-
 /// Epochs grow with every start: microseconds since 1970.
 std::uint64_t new_epoch() {
     const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
@@ -233,10 +216,10 @@ private:
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
-    const auto bind = checked_endpoint(options.bind, 50057, options.insecure);
+    const auto bind = net::endpoint_to_bind(options.bind, 50057, options.insecure);
     if (!bind)
         return bind.error();
-    const auto publish = checked_endpoint(options.publish, 50058, options.insecure);
+    const auto publish = net::endpoint_to_bind(options.publish, 50058, options.insecure);
     if (!publish)
         return publish.error();
     const net::Waker waker;
@@ -250,6 +233,9 @@ Result<void> run_broker(const net::Context& context, const Options& options,
     auto router = net::RouterSocket::bind(context, *bind);
     if (!router)
         return router.error();
+    for (const std::string& worker : options.call)
+        if (auto called = router->call(worker); !called)
+            return called.error();
     auto publisher = net::PublisherSocket::bind(context, *publish);
     if (!publisher)
         return publisher.error();

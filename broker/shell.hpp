@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <vector>
 
 namespace fraja::broker {
 
@@ -36,6 +37,7 @@ struct Options {
     std::string publish = "tcp://127.0.0.1:50058"; ///< the stream
     bool insecure =
         false; ///< allow endpoints that other machines can reach, though nobody has keys
+    std::vector<std::string> call; ///< workers that listen (fraja-worker --listen), as endpoints
     Limits limits;
     std::filesystem::path state; ///< where jobs are kept; empty: in memory alone
 

@@ -77,6 +77,22 @@ bool is_loopback(const Endpoint& e) {
            e.host.starts_with("127.");
 }
 
+Result<std::string> endpoint_to_bind(std::string_view text, std::uint16_t default_port,
+                                     bool insecure) {
+    auto endpoint = parse_endpoint(text, default_port);
+    if (!endpoint)
+        return endpoint.error();
+    if (endpoint->host == "localhost") // ZeroMQ would look for a network interface of that name
+        endpoint->host = "127.0.0.1";
+    if (!insecure && !is_loopback(*endpoint))
+        return Error{ErrorCode::invalid_argument,
+                     to_string(*endpoint) +
+                         " can be reached from other machines, and there are no keys yet to tell "
+                         "friend from stranger: use a loopback address, or say --insecure on a "
+                         "network you trust"};
+    return to_string(*endpoint);
+}
+
 Result<std::string> stream_endpoint(std::string_view reached, std::string_view told) {
     auto ours = parse_endpoint(reached, 0);
     if (!ours)

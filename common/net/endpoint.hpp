@@ -28,6 +28,11 @@ struct Endpoint {
 /// Whether only this machine can reach it: 127.0.0.0/8, ::1, localhost, ipc, inproc.
 [[nodiscard]] bool is_loopback(const Endpoint& endpoint);
 
+/// An endpoint as a socket binds it. Without `insecure` one that other machines can reach is
+/// refused: nobody has keys yet.
+[[nodiscard]] Result<std::string> endpoint_to_bind(std::string_view text,
+                                                   std::uint16_t default_port, bool insecure);
+
 /// Where a peer finds the stream: it reached the broker at `reached`, and was told that the stream
 /// is at `told`. For tcp that is the host it reached with the port it was told; otherwise what it
 /// was told.

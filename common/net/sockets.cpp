@@ -47,6 +47,8 @@ constexpr int router_queue_max =
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
+constexpr std::size_t callers_max = 1'000; // that wait for their turn
+constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
 constexpr auto transport_beat = 2s;         // of whoever connects
 constexpr auto transport_silence_max = 30s; // generous: beats also pause during a large transfer
@@ -175,6 +177,17 @@ SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> en
     return whole ? SendStatus::sent : SendStatus::unreachable;
 }
 
+/// A message of one empty frame: all that a connection says of itself when it has been made
+/// (PROBE_ROUTER), and that is sent to see whether a peer is there. It has nothing to tell.
+bool is_probe(const Frames& frames) {
+    return frames.size() == 1 && frames.front()->empty();
+}
+
+void set_linger_of(zmq::socket_t& socket, Duration linger) {
+    socket.set(zmq::sockopt::linger,
+               milliseconds(std::chrono::ceil<std::chrono::milliseconds>(linger)));
+}
+
 } // namespace
 
 struct Context::Impl {
@@ -227,33 +240,142 @@ bool Socket::readable() const {
 
 // ----------------------------------------------------------------------------------------- ROUTER
 
-Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
+namespace {
+
+Result<std::unique_ptr<SocketImpl>> bind_router(const Context& context,
+                                                const std::string& endpoint) {
     try {
-        RouterSocket router(open(context, zmq::socket_type::router));
-        router.impl_->socket.set(zmq::sockopt::router_mandatory, true);
-        router.impl_->socket.set(zmq::sockopt::sndhwm, router_queue_max);
-        router.impl_->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
-        set_family_for_bind(router.impl_->socket, endpoint);
-        router.impl_->socket.bind(endpoint);
+        auto router = open(context, zmq::socket_type::router);
+        router->socket.set(zmq::sockopt::router_mandatory, true);
+        router->socket.set(zmq::sockopt::sndhwm, router_queue_max);
+        router->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
+        set_family_for_bind(router->socket, endpoint);
+        router->socket.bind(endpoint);
         return router;
     } catch (const zmq::error_t& e) {
         return refused("listen at", endpoint, e);
     }
 }
 
-std::string RouterSocket::endpoint() const {
-    return impl_->socket.get(zmq::sockopt::last_endpoint);
+std::optional<RoutedMessage> take_routed(zmq::socket_t& socket) {
+    zmq::message_t id;
+    if (!take(socket, id))
+        return std::nullopt;
+    return RoutedMessage{id.to_string(), take_rest(socket, id.more())};
+}
+
+} // namespace
+
+Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
+    auto router = bind_router(context, endpoint);
+    if (!router)
+        return router.error();
+    RouterSocket socket(std::move(*router));
+    socket.bound_ = socket.impl_->socket.get(zmq::sockopt::last_endpoint);
+    return socket;
 }
 
 std::optional<RoutedMessage> RouterSocket::receive() {
-    zmq::message_t id;
-    if (!take(impl_->socket, id))
-        return std::nullopt;
-    return RoutedMessage{id.to_string(), take_rest(impl_->socket, id.more())};
+    auto message = take_routed(impl_->socket);
+    while (calls_ && message && is_probe(message->frames)) // of those whom we have called ourselves
+        message = take_routed(impl_->socket);
+    return message;
 }
 
 SendStatus RouterSocket::send(const PeerId& peer, const protocol::Packet& packet) {
     return send_packet(impl_->socket, peer, packet);
+}
+
+Result<void> RouterSocket::call(const std::string& endpoint) {
+    try {
+        zmq::socket_t& socket = impl_->socket;
+        socket.set(zmq::sockopt::ipv6, true);
+        socket.set(zmq::sockopt::probe_router, true);
+        socket.set(zmq::sockopt::immediate, true); // a probe for each connection, not for the first
+        set_options_to_connect(socket);
+        socket.connect(endpoint);
+        calls_ = true;
+        return {};
+    } catch (const zmq::error_t& e) {
+        return refused("call", endpoint, e);
+    }
+}
+
+// --------------------------------------------------------------------------------- ROUTER, called
+
+Result<CalleeSocket> CalleeSocket::bind(const Context& context, const std::string& endpoint) {
+    auto router = bind_router(context, endpoint);
+    if (!router)
+        return router.error();
+    return CalleeSocket(std::move(*router));
+}
+
+std::string CalleeSocket::endpoint() const {
+    return impl_->socket.get(zmq::sockopt::last_endpoint);
+}
+
+std::optional<Frames> CalleeSocket::receive() {
+    for (int i = 0; i < unheard_max; ++i) {
+        auto message = take_routed(impl_->socket);
+        if (!message)
+            return std::nullopt;
+        if (is_probe(message->frames))
+            note_call(std::move(message->peer));
+        else if (caller_ != 0 && message->peer == peer_)
+            return std::move(message->frames);
+    }
+    return std::nullopt;
+}
+
+SendStatus CalleeSocket::send(const protocol::Packet& packet) {
+    if (caller_ == 0)
+        return SendStatus::full;
+    const SendStatus status = send_packet(impl_->socket, peer_, packet);
+    if (status == SendStatus::unreachable)
+        pass_on();
+    return status;
+}
+
+void CalleeSocket::hang_up(bool for_good) {
+    if (caller_ == 0)
+        return;
+    if (!for_good)
+        waiting_.push_back(std::move(peer_));
+    pass_on();
+}
+
+void CalleeSocket::set_linger(Duration linger) {
+    set_linger_of(impl_->socket, linger);
+}
+
+/// A caller that has gone shows only when something is sent to it. So whoever calls has it looked
+/// for: the turn passes on at once.
+void CalleeSocket::note_call(PeerId peer) {
+    if ((caller_ != 0 && peer == peer_) || std::ranges::find(waiting_, peer) != waiting_.end())
+        return;
+    if (waiting_.size() >= callers_max)
+        std::erase_if(waiting_, [&](const PeerId& other) { return !is_there(other); });
+    if (waiting_.size() < callers_max)
+        waiting_.push_back(std::move(peer));
+    if (caller_ == 0 || !is_there(peer_))
+        pass_on();
+}
+
+bool CalleeSocket::is_there(const PeerId& peer) {
+    const auto status = send_frame(impl_->socket, peer.data(), peer.size(), true);
+    if (status == FrameStatus::sent)
+        (void)send_frame(impl_->socket, nullptr, 0, false);
+    return status != FrameStatus::unreachable;
+}
+
+void CalleeSocket::pass_on() {
+    caller_ = 0;
+    while (caller_ == 0 && !waiting_.empty()) {
+        peer_ = std::move(waiting_.front());
+        waiting_.pop_front();
+        if (is_there(peer_))
+            caller_ = ++callers_so_far_;
+    }
 }
 
 // ----------------------------------------------------------------------------------------- DEALER
@@ -276,6 +398,9 @@ std::optional<Frames> DealerSocket::receive() {
     zmq::message_t first;
     if (!take(impl_->socket, first))
         return std::nullopt;
+    // A broker that calls workers greets whoever connects to it in the same way, once.
+    if (first.size() == 0 && !first.more() && !take(impl_->socket, first))
+        return std::nullopt;
     Frames frames{make_blob(bytes_of(first))};
     for (Blob& frame : take_rest(impl_->socket, first.more()))
         frames.push_back(std::move(frame));
@@ -287,8 +412,7 @@ SendStatus DealerSocket::send(const protocol::Packet& packet) {
 }
 
 void DealerSocket::set_linger(Duration linger) {
-    impl_->socket.set(zmq::sockopt::linger,
-                      milliseconds(std::chrono::ceil<std::chrono::milliseconds>(linger)));
+    set_linger_of(impl_->socket, linger);
 }
 
 // ----------------------------------------------------------------------------------- XPUB and SUB

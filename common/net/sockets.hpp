@@ -10,6 +10,7 @@
 #include "common/protocol/codec.hpp"
 
 #include <cstdint>
+#include <deque>
 #include <initializer_list>
 #include <memory>
 #include <optional>
@@ -50,7 +51,7 @@ enum class SendStatus : std::uint8_t {
 
 struct SocketImpl;
 
-/// What the four sockets share: ownership and being waited for.
+/// What the sockets share: ownership and being waited for.
 class Socket {
 public:
     Socket(Socket&&) noexcept;
@@ -80,12 +81,52 @@ public:
     [[nodiscard]] static Result<RouterSocket> bind(const Context& context,
                                                    const std::string& endpoint);
     /// Where it is really bound: port 0 is replaced.
-    [[nodiscard]] std::string endpoint() const;
+    [[nodiscard]] const std::string& endpoint() const { return bound_; }
     [[nodiscard]] std::optional<RoutedMessage> receive();
     SendStatus send(const PeerId& peer, const protocol::Packet& packet);
+    /// Besides, connects to a CalleeSocket; again and again, as a DealerSocket does. It is a peer
+    /// when it has said something.
+    [[nodiscard]] Result<void> call(const std::string& endpoint);
 
 private:
     using Socket::Socket;
+    std::string bound_;
+    bool calls_ = false;
+};
+
+/// A worker's side where brokers connect to it: the broker's RouterSocket calls. One caller is
+/// served at a time, for as long as it is there; others wait for their turn, in the order in which
+/// they called, and are not heard meanwhile.
+class CalleeSocket : public Socket {
+public:
+    /// Errors: as RouterSocket::bind.
+    [[nodiscard]] static Result<CalleeSocket> bind(const Context& context,
+                                                   const std::string& endpoint);
+    /// Where it is really bound: port 0 is replaced.
+    [[nodiscard]] std::string endpoint() const;
+    /// Whose turn it is: each has a number of its own. 0: nobody calls. Another caller's turn may
+    /// come in any of the calls below.
+    [[nodiscard]] std::uint64_t caller() const { return caller_; }
+    /// From the caller; it may also be none though there is more to receive: wait, and try again.
+    [[nodiscard]] std::optional<Frames> receive();
+    /// To the caller. `unreachable`: it is gone, and the turn has passed on. `full` also when
+    /// nobody calls.
+    SendStatus send(const protocol::Packet& packet);
+    /// It is the next caller's turn, though this one may still be there: it has another turn after
+    /// all who wait (at once, if nobody does), or, `for_good`, none.
+    void hang_up(bool for_good);
+    /// As DealerSocket's.
+    void set_linger(Duration linger);
+
+private:
+    using Socket::Socket;
+    void note_call(PeerId peer);
+    [[nodiscard]] bool is_there(const PeerId& peer);
+    void pass_on();
+
+    PeerId peer_; // of caller_
+    std::uint64_t caller_ = 0, callers_so_far_ = 0;
+    std::deque<PeerId> waiting_;
 };
 
 /// A worker's or client's side. It reconnects by itself, for ever, with back-off.

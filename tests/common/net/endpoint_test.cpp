@@ -57,6 +57,18 @@ TEST_CASE("loopback is what only this machine can reach") {
         CHECK_FALSE(loopback(text));
 }
 
+TEST_CASE("an endpoint is bound off loopback only where that is said to be meant") {
+    const auto bindable = [](std::string_view text, bool insecure) {
+        const auto endpoint = endpoint_to_bind(text, 7, insecure);
+        return endpoint ? *endpoint : endpoint.error().message;
+    };
+    CHECK(bindable("127.0.0.1", false) == "tcp://127.0.0.1:7");
+    CHECK(bindable("tcp://localhost:0", false) == "tcp://127.0.0.1:0"); // as ZeroMQ wants it
+    CHECK(bindable("tcp://*:0", false).find("--insecure") != std::string::npos);
+    CHECK(bindable("tcp://*:0", true) == "tcp://*:0");
+    CHECK(bindable("pgm://x", true).find("transport") != std::string::npos);
+}
+
 TEST_CASE("the stream is looked for at the host that was reached") {
     const auto stream = [](std::string_view reached, std::string_view told) {
         const auto endpoint = stream_endpoint(reached, told);

@@ -7,6 +7,8 @@
 
 #include <csignal>
 #include <doctest/doctest.h>
+#include <optional>
+#include <string>
 #include <thread>
 
 using namespace fraja;
@@ -87,6 +89,201 @@ TEST_CASE("frames beyond the limit are not kept") {
     CHECK(as_text(*receive(*router).frames[1]) == "next");
 }
 
+namespace {
+
+/// A broker that calls. What it hears is "head" and a word.
+struct Caller {
+    Caller(const Context& context, const std::string& callee)
+        : router(std::move(*RouterSocket::bind(context, "tcp://127.0.0.1:0"))) {
+        REQUIRE(router.call(callee).has_value());
+    }
+    std::string hear() {
+        RoutedMessage message = receive(router);
+        REQUIRE(message.frames.size() == 2);
+        peer = std::move(message.peer);
+        return std::string(as_text(*message.frames[1]));
+    }
+    RouterSocket router;
+    PeerId peer; // the callee, when it was heard
+};
+
+CalleeSocket callee_on(const Context& context, const std::string& endpoint = "tcp://127.0.0.1:0") {
+    auto callee = CalleeSocket::bind(context, endpoint);
+    const Instant end = now() + 30s; // a port of a socket that is gone is free a moment later
+    while (!callee && now() < end)
+        callee = CalleeSocket::bind(context, endpoint);
+    REQUIRE_MESSAGE(callee.has_value(), (callee ? "" : callee.error().message));
+    return std::move(*callee);
+}
+
+/// Waits until it is another one's turn than `before`, and returns whose. Whatever the callee is
+/// told meanwhile fails the test.
+std::uint64_t await_turn(CalleeSocket& callee, std::uint64_t before, const Caller& caller) {
+    const Instant end = now() + 30s;
+    while (callee.caller() == before || callee.caller() == 0) {
+        REQUIRE(now() < end);
+        wait({callee, caller.router}, 10ms); // a caller's connection is made in its calls
+        if (callee.receive().has_value()) {
+            REQUIRE(before != 0);
+            REQUIRE(callee.caller() == before);
+        }
+    }
+    return callee.caller();
+}
+
+void await_words(CalleeSocket& callee, std::string_view words) {
+    CHECK(as_text(*receive(callee).at(1)) == words);
+}
+
+} // namespace
+
+TEST_CASE("a callee speaks to whoever calls, and to nobody before") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    CHECK(callee.caller() == 0);
+    CHECK(callee.send(packet("nobody")) == SendStatus::full);
+    Caller caller(context, callee.endpoint());
+    CHECK(await_turn(callee, 0, caller) == 1);
+    CHECK(callee.send(packet("hello")) == SendStatus::sent);
+    CHECK(caller.hear() == "hello"); // and not "nobody", nor anything empty before it
+    CHECK(caller.router.send(caller.peer, packet("welcome")) == SendStatus::sent);
+    await_words(callee, "welcome");
+}
+
+TEST_CASE("a callee that comes late, or again, is called") {
+    const Context context;
+    std::string endpoint;
+    {
+        const CalleeSocket probe = callee_on(context); // a port that is free
+        endpoint = probe.endpoint();
+    }
+    Caller caller(context, endpoint);
+    PeerId first;
+    {
+        CalleeSocket callee = callee_on(context, endpoint);
+        await_turn(callee, 0, caller);
+        callee.set_linger(1s);
+        CHECK(callee.send(packet("one")) == SendStatus::sent);
+        CHECK(caller.hear() == "one");
+        first = caller.peer;
+    }
+    while (caller.router.send(first, packet("?")) !=
+           SendStatus::unreachable) // it is known to be gone
+        wait({caller.router}, 10ms);
+    CalleeSocket again = callee_on(context, endpoint);
+    await_turn(again, 0, caller);
+    CHECK(again.send(packet("two")) == SendStatus::sent);
+    CHECK(caller.hear() == "two");
+    CHECK(caller.peer != first);
+}
+
+TEST_CASE("callers have their turns one after the other and hear nothing of each other") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    std::optional<Caller> first(std::in_place, context, callee.endpoint());
+    const std::uint64_t turn = await_turn(callee, 0, *first);
+    CHECK(callee.send(packet("to the first")) == SendStatus::sent);
+    CHECK(first->hear() == "to the first");
+    Caller second(context, callee.endpoint());
+    for (int i = 0; i < 20; ++i) {
+        wait({second.router}, 10ms); // calls
+        CHECK(first->router.send(first->peer, packet("again")) == SendStatus::sent);
+        await_words(callee, "again");
+        CHECK(callee.send(packet("still")) == SendStatus::sent);
+        CHECK(first->hear() == "still");
+    }
+    CHECK_FALSE(second.router.readable());
+    CHECK(callee.caller() == turn);
+    first->router.send(first->peer, packet("stale"));
+    first.reset(); // without a word
+    // The callee is in the middle of something and finds out as it sends.
+    while (callee.send(packet("lost")) == SendStatus::sent)
+        wait({callee}, 10ms);
+    // What it had said is not heard in the second's turn.
+    while (callee.caller() == turn || callee.caller() == 0) {
+        if (callee.receive().has_value())
+            CHECK(callee.caller() == turn);
+        wait({callee, second.router}, 10ms);
+    }
+    CHECK_FALSE(callee.receive().has_value());
+    CHECK(callee.send(packet("to the second")) == SendStatus::sent);
+    CHECK(second.hear() == "to the second");
+}
+
+TEST_CASE("a callee notices by the next call that its caller is gone") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    std::uint64_t turn = 0;
+    for (int i = 0; i < 5; ++i) {
+        Caller caller(context, callee.endpoint());
+        turn = await_turn(callee, turn, caller);
+        CHECK(turn == static_cast<std::uint64_t>(i) + 1);
+        CHECK(callee.send(packet("hello")) == SendStatus::sent);
+        CHECK(caller.hear() == "hello");
+        caller.router.send(caller.peer, packet("unread")); // of no concern to the next
+    }
+}
+
+TEST_CASE("strangers are not heard, and do not take a callee's turn") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    auto stranger = DealerSocket::connect(context, callee.endpoint());
+    REQUIRE(stranger.has_value());
+    for (int i = 0; i < 1000; ++i)
+        send(*stranger, packet("listen to me"));
+    Caller caller(context, callee.endpoint());
+    await_turn(callee, 0, caller); // fails when anything is received
+    send(*stranger, packet("and now"));
+    CHECK(callee.send(packet("hello")) == SendStatus::sent);
+    CHECK(caller.hear() == "hello");
+    CHECK(caller.router.send(caller.peer, packet("welcome")) == SendStatus::sent);
+    for (;;) {
+        const auto heard = callee.receive();
+        if (!heard)
+            wait({callee}, 100ms);
+        else {
+            CHECK(as_text(*heard->at(1)) == "welcome");
+            break;
+        }
+    }
+}
+
+TEST_CASE("a caller that is hung up on has another turn after the others, or none") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    Caller first(context, callee.endpoint());
+    const std::uint64_t turn = await_turn(callee, 0, first);
+    callee.hang_up(false); // alone, it is its turn again
+    CHECK(callee.caller() == turn + 1);
+    CHECK(callee.send(packet("one")) == SendStatus::sent);
+    CHECK(first.hear() == "one");
+    callee.hang_up(true);
+    CHECK(callee.caller() == 0);
+    CHECK(callee.send(packet("x")) == SendStatus::full);
+    Caller second(context, callee.endpoint());
+    await_turn(callee, 0, second);
+    CHECK(callee.send(packet("two")) == SendStatus::sent);
+    CHECK(second.hear() == "two");
+    CHECK_FALSE(first.router.receive().has_value());
+}
+
+TEST_CASE("a router that calls greets whoever connects to it with nothing to hear") {
+    const Context context;
+    CalleeSocket callee = callee_on(context);
+    auto router = RouterSocket::bind(context, "inproc://calling");
+    REQUIRE(router.has_value());
+    REQUIRE(router->call(callee.endpoint()).has_value());
+    CHECK(router->endpoint() == "inproc://calling");
+    auto dealer = DealerSocket::connect(context, "inproc://calling");
+    REQUIRE(dealer.has_value());
+    send(*dealer, packet("question"));
+    const RoutedMessage question = receive(*router);
+    CHECK(router->send(question.peer, packet("answer")) == SendStatus::sent);
+    const Frames answer = receive(*dealer);
+    REQUIRE(answer.size() == 2);
+    CHECK(as_text(*answer[1]) == "answer");
+}
+
 TEST_CASE("subscribers get their topics and the publisher hears of them") {
     const Context context;
     auto publisher = PublisherSocket::bind(context, "tcp://127.0.0.1:0");
@@ -139,6 +336,8 @@ TEST_CASE("binding a taken or impossible endpoint is an error with its name") {
     CHECK(second.error().message.find(first->endpoint()) != std::string::npos);
     CHECK_FALSE(PublisherSocket::bind(context, "nonsense").has_value());
     CHECK_FALSE(DealerSocket::connect(context, "nonsense").has_value());
+    CHECK_FALSE(CalleeSocket::bind(context, first->endpoint()).has_value());
+    CHECK_FALSE(first->call("nonsense").has_value());
     CHECK_FALSE(SubscriberSocket::connect(context, "nonsense").has_value());
 }
 
