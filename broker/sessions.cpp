@@ -60,7 +60,9 @@ void Dispatcher::on(const PeerSaid& event) {
         client->second.heard_at = now_;
         return from_client(peer, event.message);
     }
-    if (!std::holds_alternative<Goodbye>(event.message))
+    // Two brokers that have come to speak to each other would go on refusing each other's refusals.
+    if (!std::holds_alternative<Goodbye>(event.message) &&
+        !std::holds_alternative<Refused>(event.message))
         refuse(peer, RefusalCode::unknown_peer, "say hello first");
 }
 

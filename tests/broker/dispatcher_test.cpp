@@ -200,6 +200,9 @@ TEST_CASE("whoever has not said hello is told so") {
     farm.forget("stranger");
     farm.say("stranger", Goodbye{});
     CHECK_FALSE(farm.heard<Refused>("stranger"));
+    farm.forget("stranger"); // a refusal is not refused: two brokers would do so for ever
+    farm.say("stranger", Refused{RefusalCode::unknown_peer, {}, "say hello first"});
+    CHECK_FALSE(farm.heard<Refused>("stranger"));
 }
 
 TEST_CASE("messages out of place are refused and counted") {
