@@ -27,10 +27,12 @@ constexpr const char* examples = R"(Examples:
   fraja-worker                                   serve the broker on this machine with every CPU
   fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
   fraja-worker -b tcp://a:50057,tcp://b:50057    serve two brokers
+  fraja-worker --listen tcp://127.0.0.1:0        wait for fraja-submit --direct; the port is printed
   fraja-worker --emulate 16@3k --emulate 16@6k   look like 32 machines of two speeds, to try a broker
 
 Renders tiles for brokers until it is told to leave: the first TERM or INT finishes the tiles at
 hand, a second one hands them back at once. A lost broker is greeted again for ever.
+With --listen it serves one fraja-submit --direct after the other; the others wait for their turn.
 FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixels.
 )";
 
@@ -56,11 +58,25 @@ void add_options(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
     app.set_version_flag("--version",
                          version_line("fraja-worker", kernel::instruction_set().value_or(no_isa)));
-    app.add_option("-b,--broker", options.brokers,
-                   "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
-        ->envname("FRAJA_BROKER")
-        ->delimiter(',')
-        ->default_str(default_broker);
+    CLI::Option* const broker =
+        app.add_option("-b,--broker", options.brokers,
+                       "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
+            ->envname("FRAJA_BROKER")
+            ->delimiter(',')
+            ->default_str(default_broker);
+    const auto listen = [&options, broker](const std::string& endpoint) {
+        options.listen = endpoint;
+        broker->envname(""); // the environment's broker is for workers that want one
+    };
+    app.add_option_function<std::string>(
+           "--listen", listen,
+           "Instead of connecting to a broker, wait here to be called by fraja-submit --direct; "
+           "port 0: the system chooses; where is printed. With --emulate, each worker has a port: "
+           "this one and those that follow, or, of 0, what the system chooses")
+        ->type_name("tcp://HOST:PORT")
+        ->trigger_on_parse();
+    app.add_flag("--insecure", options.insecure,
+                 "Listen at addresses that other machines reach, without keys");
     app.add_option("-j,--threads", options.threads, "Render threads")
         ->default_str("every CPU this process may use")
         ->check(CLI::Range(1u, worker::threads_max));
@@ -91,7 +107,7 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
     }
     if (!options.emulated.empty() && !threads_given)
         options.threads = 1;
-    if (options.brokers.empty())
+    if (options.brokers.empty() && options.listen.empty())
         options.brokers = {default_broker};
     for (std::string& broker : options.brokers) {
         if (broker == "auto")
@@ -200,6 +216,11 @@ int main(int argc, char** argv) try {
     if (!isa)
         return usage_error(isa.error().message);
 
+    options.on_listening = [](const std::vector<std::string>& endpoints) {
+        for (const std::string& endpoint : endpoints)
+            fmt::print("listening {}\n", endpoint);
+        std::fflush(stdout);
+    };
     const auto logger = spdlog::stderr_color_mt("fraja-worker");
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));

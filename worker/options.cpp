@@ -1,6 +1,7 @@
 #include "worker/options.hpp"
 
 #include "common/base/text.hpp"
+#include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
@@ -80,8 +81,17 @@ std::uint32_t affinity_cpu_count() {
 } // namespace
 
 Result<void> validate(const WorkerOptions& o) {
-    if (o.brokers.empty())
+    if (o.brokers.empty() && o.listen.empty())
         return invalid("--broker: at least one endpoint is needed");
+    if (!o.brokers.empty() && !o.listen.empty())
+        return invalid("--listen and --broker exclude each other: a worker waits to be called, or "
+                       "calls");
+    if (o.insecure && o.listen.empty())
+        return invalid("--insecure is for --listen: whoever connects to a broker is not reached "
+                       "by anybody");
+    if (!o.listen.empty())
+        if (const auto where = listening_endpoints(o.listen, o.insecure, session_count(o)); !where)
+            return where.error();
     if (o.threads == 0 || o.threads > threads_max)
         return invalid("--threads " + std::to_string(o.threads) + ": 1 to " +
                        std::to_string(threads_max));
@@ -95,6 +105,36 @@ Result<void> validate(const WorkerOptions& o) {
                            "': K or K=V of at most " + std::to_string(protocol::name_bytes_max) +
                            " bytes");
     return validate_emulated(o);
+}
+
+std::uint64_t session_count(const WorkerOptions& o) {
+    if (!o.emulated.empty())
+        return emulated_count(o);
+    return o.listen.empty() ? o.brokers.size() : 1;
+}
+
+Result<std::vector<std::string>> listening_endpoints(const std::string& listen, bool insecure,
+                                                     std::uint64_t count) {
+    const std::string option = "--listen " + listen + ": ";
+    auto parsed = net::parse_endpoint(listen, 0);
+    if (!parsed)
+        return invalid("--listen: " + parsed.error().message);
+    net::Endpoint endpoint = *std::move(parsed);
+    if (endpoint.transport != net::Endpoint::Transport::tcp)
+        return invalid(option + "where to listen is written as tcp://HOST:PORT");
+    if (endpoint.port != 0 && endpoint.port + count - 1 > UINT16_MAX)
+        return invalid(option + std::to_string(count) +
+                       " workers need as many ports, and the last is 65535");
+    std::vector<std::string> all;
+    for (std::uint64_t i = 0; i < count; ++i) {
+        auto bindable = net::endpoint_to_bind(net::to_string(endpoint), 0, insecure);
+        if (!bindable)
+            return invalid("--listen: " + bindable.error().message);
+        all.push_back(*std::move(bindable));
+        if (endpoint.port != 0)
+            ++endpoint.port;
+    }
+    return all;
 }
 
 Result<EmulatedWorkers> parse_emulated_workers(std::string_view text) {

@@ -26,14 +26,20 @@ struct EmulatedWorkers {
 
 struct WorkerOptions {
     std::vector<std::string> brokers; ///< endpoints as sockets take them; every one is served
-    std::uint32_t threads = 1;        ///< render threads, shared by all brokers
-    std::string name;                 ///< for people
-    std::vector<std::string> tags;    ///< `K` or `K=V`
+    /// In place of brokers: where to wait for them to call, tcp://HOST:PORT. Emulated workers have
+    /// a port each: from that one on, or, if it is 0, what the system chooses.
+    std::string listen = {};
+    bool insecure = false;     ///< listen where other machines can reach it, though nobody has keys
+    std::uint32_t threads = 1; ///< render threads, shared by all brokers
+    std::string name;          ///< for people
+    std::vector<std::string> tags; ///< `K` or `K=V`
     /// In place of one true worker: many, each with `threads`, called NAME/1, NAME/2 ..., with the
     /// tag `emulated`. They serve one broker.
     std::vector<EmulatedWorkers> emulated;
     /// Called from the thread that runs the worker, for each event; empty: silence.
     std::function<void(LogLevel, const std::string&)> on_log;
+    /// Likewise, when all listen: where, in the order of their numbers.
+    std::function<void(const std::vector<std::string>&)> on_listening = {};
 };
 
 /// Whether the options are within the limits of the wire. The error names the option.
@@ -41,6 +47,11 @@ struct WorkerOptions {
 
 /// "COUNT@SPEED": how many, and rays per second and thread, "3500", "3.5k", "2M", "1G".
 [[nodiscard]] Result<EmulatedWorkers> parse_emulated_workers(std::string_view text);
+/// One for each broker or emulated worker.
+[[nodiscard]] std::uint64_t session_count(const WorkerOptions& options);
+/// Where each of so many workers listens. The error names the option.
+[[nodiscard]] Result<std::vector<std::string>>
+listening_endpoints(const std::string& listen, bool insecure, std::uint64_t count);
 /// All of them.
 [[nodiscard]] std::uint64_t emulated_count(const WorkerOptions& options);
 

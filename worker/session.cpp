@@ -143,6 +143,7 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
     next_beat_ = turn.now + heartbeat_;
     unanswered_beats_ = 0;
     hello_pause_ = limits_.hello_pause_min;
+    unanswered_hellos_ = 0;
     absence_said_ = false;
 }
 
@@ -316,6 +317,15 @@ void Session::on(Turn& turn, const TileBroken& event) {
     fail_tile(turn, at, code, event.error.message);
 }
 
+void Session::on(Turn& turn, const CallerGone&) {
+    if (is_connected())
+        turn.log(LogLevel::info, "the caller is gone");
+    absence_said_ = false;
+    unanswered_hellos_ = 0;
+    begin_greeting(turn);
+    next_hello_ = turn.now; // the next one has not been greeted yet
+}
+
 void Session::on(Turn& turn, const Tick& event) {
     for (const TileProgress& progress : event.progress)
         if (const auto at = tiles_.find(progress.ticket); at != tiles_.end())
@@ -368,8 +378,11 @@ void Session::keep_time(Turn& turn) {
         absence_said_ = true;
         begin_greeting(turn);
     }
-    if (state_ == State::greeting && turn.now >= next_hello_)
+    if (state_ == State::greeting && turn.now >= next_hello_) {
+        if (identity_.is_called && unanswered_hellos_ >= limits_.hellos_per_turn)
+            return hang_up(turn, false);
         hello(turn);
+    }
     if (!is_connected())
         return;
     if (turn.now >= next_beat_)
@@ -378,7 +391,7 @@ void Session::keep_time(Turn& turn) {
 }
 
 void Session::hello(Turn& turn) {
-    if (incarnation_ > 0 && !std::exchange(absence_said_, true))
+    if (unanswered_hellos_ > 0 && !std::exchange(absence_said_, true))
         turn.log(LogLevel::warning, "the broker does not answer; asking again until it does");
     const double seconds_done = seconds(render_time_);
     const double speed =
@@ -392,6 +405,7 @@ void Session::hello(Turn& turn) {
                                     .memory_bytes = 0,
                                     .tags = identity_.tags,
                                     .program_version = std::string(version)});
+    ++unanswered_hellos_;
     last_hello_ = turn.now;
     const double pause_s = seconds(hello_pause_) * rng_.between(0.5, 1.0);
     next_hello_ =
@@ -411,6 +425,13 @@ void Session::beat(Turn& turn) {
     next_beat_ = turn.now + heartbeat_;
 }
 
+/// CallerGone comes before anything else.
+void Session::hang_up(Turn& turn, bool for_good) {
+    drop_tiles(turn);
+    state_ = State::greeting;
+    turn.actions.emplace_back(HangUp{for_good});
+}
+
 /// The session is gone. A worker that is leaving has nobody left to answer.
 void Session::begin_greeting(Turn& turn) {
     drop_tiles(turn);
@@ -426,6 +447,10 @@ void Session::begin_greeting(Turn& turn) {
 
 void Session::finish(Turn& turn, FinishReason reason) {
     drop_tiles(turn);
+    const bool broker_s_wish =
+        reason == FinishReason::version_mismatch || reason == FinishReason::dismissed;
+    if (identity_.is_called && broker_s_wish && state_ != State::draining)
+        return hang_up(turn, true);
     state_ = State::over;
     turn.actions.emplace_back(Finished{reason});
 }

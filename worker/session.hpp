@@ -1,4 +1,5 @@
-// Session: what a worker says to one broker and does for it. It decides and moves nothing: time,
+// Session: what a worker says to one broker and does for it; of a worker that is called, to one
+// broker after the other. It decides and moves nothing: time,
 // messages and rendered tiles arrive as events, and what must be done leaves as actions.
 #pragma once
 
@@ -25,6 +26,8 @@ struct Identity {
     std::string name;
     std::uint32_t threads = 1;
     std::vector<std::string> tags;
+    /// Brokers call this worker and come and go. So none of them can end it.
+    bool is_called = false;
 };
 
 struct Limits {
@@ -33,6 +36,8 @@ struct Limits {
     /// Between two unanswered hellos: doubling from the first to the second, each time a random
     /// part of up to a half less.
     Duration hello_pause_min = std::chrono::seconds(1), hello_pause_max = std::chrono::seconds(5);
+    /// Hellos without an answer until it is another caller's turn.
+    std::uint32_t hellos_per_turn = 3;
     /// What a Welcome may ask for; beyond, it is taken as the nearest of these.
     Duration heartbeat_min = std::chrono::milliseconds(1), heartbeat_max = std::chrono::hours(1);
     std::uint32_t liveness_max = 1000;
@@ -82,6 +87,9 @@ struct TileProgress {
     Ticket ticket{};
     std::uint64_t rays = 0; ///< traced so far
 };
+/// Of a worker that is called: the broker is gone. Whoever hears what is said from now on is
+/// another one.
+struct CallerGone {};
 /// Time has passed, and so far are the running tiles. Nothing happens for time's sake alone but
 /// here: so every beat tells the newest progress, and what has arrived is heard before silence is
 /// judged.
@@ -92,7 +100,7 @@ struct Drain {};   ///< take nothing more, finish what is here, leave
 struct StopNow {}; ///< hand back what is here, leave
 
 using Event = std::variant<Received, Undecodable, SceneCompiled, SceneFailed, TileFinished,
-                           TileBroken, Tick, Drain, StopNow>;
+                           TileBroken, CallerGone, Tick, Drain, StopNow>;
 
 // ----------------------------------------------------------------------------------------- actions
 
@@ -125,6 +133,10 @@ struct StopTile {
 struct ForgetScene {
     ContentHash scene;
 };
+/// It is the next broker's turn. CallerGone follows.
+struct HangUp {
+    bool for_good = false; ///< otherwise this one has its turn again, after the others
+};
 struct Log {
     LogLevel level{};
     std::string text;
@@ -140,7 +152,8 @@ struct Finished {
     FinishReason reason{};
 };
 
-using Action = std::variant<Send, CompileScene, StartTile, StopTile, ForgetScene, Log, Finished>;
+using Action =
+    std::variant<Send, CompileScene, StartTile, StopTile, ForgetScene, HangUp, Log, Finished>;
 
 // ----------------------------------------------------------------------------------------- session
 
@@ -181,6 +194,7 @@ private:
     void on(Turn& turn, const SceneFailed& event);
     void on(Turn& turn, const TileFinished& event);
     void on(Turn& turn, const TileBroken& event);
+    void on(Turn& turn, const CallerGone& event);
     void on(Turn& turn, const Tick& event);
     void on(Turn& turn, const Drain& event);
     void on(Turn& turn, const StopNow& event);
@@ -199,6 +213,7 @@ private:
     void hello(Turn& turn);
     void beat(Turn& turn);
     void begin_greeting(Turn& turn);
+    void hang_up(Turn& turn, bool for_good);
     void begin_draining(Turn& turn, FinishReason reason);
     void leave_when_done(Turn& turn);
     void finish(Turn& turn, FinishReason reason);
@@ -234,6 +249,7 @@ private:
     std::uint64_t incarnation_ = 0; // of the last hello
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
+    std::uint32_t unanswered_hellos_ = 0;
     bool absence_said_ = false; // one line for each change between connected and not
 
     Duration heartbeat_{};

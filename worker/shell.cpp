@@ -16,6 +16,7 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 namespace fraja::worker {
@@ -27,7 +28,41 @@ constexpr Duration resend_pause_min = 2ms, resend_pause_max = 250ms;
 constexpr Duration farewell_max = 1s;   ///< for the last answers and the Goodbye to leave
 constexpr int messages_per_round = 256; ///< so that a flood does not keep the others waiting
 
-/// One broker: its socket, its session, and what waits to leave.
+/// A broker's end of the line, whoever made the connection.
+class Line {
+public:
+    Line(net::DealerSocket socket) : socket_(std::move(socket)) {}
+    Line(net::CalleeSocket socket) : socket_(std::move(socket)) {}
+
+    [[nodiscard]] std::optional<net::Frames> receive() {
+        return std::visit([](auto& socket) { return socket.receive(); }, socket_);
+    }
+    net::SendStatus send(const protocol::Packet& packet) {
+        return std::visit([&](auto& socket) { return socket.send(packet); }, socket_);
+    }
+    void set_linger(Duration linger) {
+        std::visit([&](auto& socket) { socket.set_linger(linger); }, socket_);
+    }
+    [[nodiscard]] const net::Socket& socket() const {
+        return std::visit([](const auto& socket) -> const net::Socket& { return socket; }, socket_);
+    }
+
+    /// Who is at the other end; 0: nobody. Always the same where we have connected.
+    [[nodiscard]] std::uint64_t caller() const {
+        const auto* called = std::get_if<net::CalleeSocket>(&socket_);
+        return called ? called->caller() : 1;
+    }
+    void hang_up(bool for_good) {
+        if (auto* called = std::get_if<net::CalleeSocket>(&socket_))
+            called->hang_up(for_good);
+    }
+
+private:
+    std::variant<net::DealerSocket, net::CalleeSocket> socket_;
+};
+
+/// One broker, or those that call one after the other: the socket, the session, and what waits to
+/// leave.
 class Link {
 public:
     struct Who {
@@ -35,24 +70,21 @@ public:
         std::string title; ///< in the log
     };
     /// `options` and `pool` must outlive this.
-    Link(Who who, const WorkerOptions& options, net::DealerSocket socket, Session session,
-         Pool& pool)
-        : who_(std::move(who)), options_(options), socket_(std::move(socket)),
-          session_(std::move(session)), pool_(pool) {
-        socket_.set_linger(farewell_max);
+    Link(Who who, const WorkerOptions& options, Line line, Session session, Pool& pool)
+        : who_(std::move(who)), options_(options), line_(std::move(line)),
+          session_(std::move(session)), pool_(pool), caller_(line_.caller()) {
+        line_.set_linger(farewell_max);
     }
 
     void step(const Event& event) {
-        actions_.clear();
-        session_.step(net::now(), event, actions_);
-        for (Action& action : actions_)
-            std::visit([&](auto& a) { perform(std::move(a)); }, action);
-        flush();
+        step_session(event);
+        heed_caller();
     }
 
     void receive_some() {
         for (int i = 0; i < messages_per_round; ++i) {
-            const auto frames = socket_.receive();
+            const auto frames = line_.receive();
+            heed_caller();
             if (!frames)
                 return;
             auto message = protocol::decode(*frames);
@@ -66,12 +98,15 @@ public:
     void keep_time(Instant now) {
         if (now >= resend_at_)
             flush();
-        if (now >= session_.next_deadline())
+        heed_caller();
+        if (caller_ != 0 && now >= session_.next_deadline())
             step(Tick{pool_.progress(who_.index)});
     }
 
     [[nodiscard]] Instant next_deadline() const {
-        const Instant deadline = std::min(resend_at_, session_.next_deadline());
+        // Without a caller there is nobody to greet.
+        const Instant deadline =
+            caller_ != 0 ? std::min(resend_at_, session_.next_deadline()) : Instant::never();
         return finished_ ? std::min(deadline, finished_at_ + farewell_max) : deadline;
     }
     [[nodiscard]] std::optional<FinishReason> finished() const { return finished_; }
@@ -79,9 +114,30 @@ public:
     [[nodiscard]] bool over(Instant now) const {
         return finished_ && (outbox_.empty() || now >= finished_at_ + farewell_max);
     }
-    [[nodiscard]] const net::Socket& socket() const { return socket_; }
+    [[nodiscard]] const net::Socket& socket() const { return line_.socket(); }
 
 private:
+    void step_session(const Event& event) {
+        actions_.clear();
+        session_.step(net::now(), event, actions_);
+        for (Action& action : actions_)
+            std::visit([&](auto& a) { perform(std::move(a)); }, action);
+        flush();
+    }
+
+    /// What was for another caller is for nobody; a new one is greeted.
+    void heed_caller() {
+        while (caller_ != line_.caller()) {
+            outbox_.clear();
+            resend_at_ = Instant::never();
+            const bool one_has_gone = std::exchange(caller_, line_.caller()) != 0;
+            if (one_has_gone)
+                step_session(CallerGone{});
+            if (caller_ != 0 && caller_ == line_.caller())
+                step_session(Tick{});
+        }
+    }
+
     void perform(Send action) {
         if (std::holds_alternative<protocol::WorkerHello>(action.message))
             outbox_.clear();
@@ -91,6 +147,7 @@ private:
     void perform(StartTile action) { pool_.perform(who_.index, action); }
     void perform(StopTile action) { pool_.perform(who_.index, action); }
     void perform(ForgetScene action) { pool_.perform(who_.index, action); }
+    void perform(HangUp action) { line_.hang_up(action.for_good); }
     void perform(const Log& action) {
         if (options_.on_log)
             options_.on_log(
@@ -107,7 +164,7 @@ private:
     /// until the silent broker is given up.
     void flush() {
         bool progress = false;
-        while (!outbox_.empty() && socket_.send(outbox_.front()) == net::SendStatus::sent) {
+        while (!outbox_.empty() && line_.send(outbox_.front()) == net::SendStatus::sent) {
             outbox_.pop_front();
             progress = true;
         }
@@ -120,9 +177,10 @@ private:
 
     Who who_;
     const WorkerOptions& options_;
-    net::DealerSocket socket_;
+    Line line_;
     Session session_;
     Pool& pool_;
+    std::uint64_t caller_; // whom the session speaks to
     std::vector<Action> actions_;
     std::deque<protocol::Packet> outbox_;
     Instant resend_at_ = Instant::never();
@@ -130,10 +188,6 @@ private:
     std::optional<FinishReason> finished_;
     Instant finished_at_{};
 };
-
-std::size_t session_count(const WorkerOptions& options) {
-    return options.emulated.empty() ? options.brokers.size() : emulated_count(options);
-}
 
 /// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf for
 /// every kernel.
@@ -171,22 +225,16 @@ public:
     Result<void> connect(const net::Context& context) {
         if (auto reserved = net::reserve_descriptors(session_count(options_)); !reserved)
             return reserved.error();
+        if (!options_.listen.empty())
+            return listen(context);
         // An id for each session: two endpoints may turn out to be one broker, where one worker
         // would push itself out for ever.
-        if (options_.emulated.empty()) {
-            for (const std::string& broker : options_.brokers)
-                if (auto added = add_link(context, broker, broker, own_identity()); !added)
-                    return added;
-            return {};
-        }
-        const std::string& broker = options_.brokers.front();
-        for (std::uint64_t i = 1; i <= emulated_count(options_); ++i) {
-            Identity identity = own_identity();
-            identity.name += "/" + std::to_string(i);
-            identity.tags.emplace_back("emulated");
-            const std::string title = broker + ": " + identity.name;
-            if (auto added = add_link(context, broker, title, std::move(identity)); !added)
-                return added;
+        for (std::uint64_t i = 0; i < session_count(options_); ++i) {
+            const std::string& broker = options_.brokers[options_.emulated.empty() ? i : 0];
+            auto socket = net::DealerSocket::connect(context, broker);
+            if (!socket)
+                return socket.error();
+            add_link(std::move(*socket), broker, identity_of(i));
         }
         return {};
     }
@@ -204,24 +252,47 @@ public:
     }
 
 private:
-    [[nodiscard]] Identity own_identity() const {
-        return {random_id<WorkerId>(), options_.name, options_.threads, options_.tags};
+    Result<void> listen(const net::Context& context) {
+        const auto wanted =
+            listening_endpoints(options_.listen, options_.insecure, session_count(options_));
+        if (!wanted)
+            return wanted.error();
+        std::vector<std::string> bound;
+        for (std::uint64_t i = 0; i < wanted->size(); ++i) {
+            auto socket = net::CalleeSocket::bind(context, (*wanted)[i]);
+            if (!socket)
+                return socket.error();
+            bound.push_back(socket->endpoint());
+            add_link(std::move(*socket), bound.back(), identity_of(i));
+        }
+        if (options_.on_listening)
+            options_.on_listening(bound);
+        return {};
     }
 
-    Result<void> add_link(const net::Context& context, const std::string& endpoint,
-                          std::string title, Identity identity) {
-        auto socket = net::DealerSocket::connect(context, endpoint);
-        if (!socket)
-            return socket.error();
+    /// Of the session with that number, from 0.
+    [[nodiscard]] Identity identity_of(std::uint64_t i) const {
+        Identity identity{random_id<WorkerId>(), options_.name, options_.threads, options_.tags,
+                          !options_.listen.empty()};
+        if (!options_.emulated.empty()) {
+            identity.name += "/" + std::to_string(i + 1);
+            identity.tags.emplace_back("emulated");
+        }
+        return identity;
+    }
+
+    void add_link(Line line, const std::string& endpoint, Identity identity) {
         const std::size_t index = links_.size();
+        std::string title = endpoint;
+        if (!options_.emulated.empty())
+            title += ": " + identity.name;
         links_.push_back(std::make_unique<Link>(
             Link::Who{SessionIndex(static_cast<std::uint32_t>(index)), std::move(title)}, options_,
-            std::move(*socket), Session(std::move(identity), limits_), *pool_));
+            std::move(line), Session(std::move(identity), limits_), *pool_));
         poller_.add(index, links_.back()->socket());
         noted_.push_back(links_.back()->next_deadline());
         deadlines_.emplace(noted_.back(), index);
         ++open_count_;
-        return {};
     }
 
     /// All that is done with a link goes through here: its deadline is noted, its socket looked at

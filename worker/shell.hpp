@@ -38,7 +38,7 @@ private:
 /// Serves every broker of the options, one session each over the same render threads (or one broker
 /// with a session for each emulated worker), until
 /// `control` says otherwise or all of them speak another protocol version. A lost broker is greeted
-/// again for ever. Blocks, and knows no signals.
+/// again for ever. Or listens, and serves whoever calls. Blocks, and knows no signals.
 ///
 /// The value is why the last session ended. Errors, before anything has been sent:
 /// invalid_argument for the options, invalid_argument or io for an endpoint, limit_exceeded where

@@ -277,6 +277,7 @@ private:
     void check(const worker::StopTile& stop) { FRAJA_ASSERT(running_.erase(stop.ticket) == 1); }
 
     void check(const worker::ForgetScene&) {}
+    void check(const worker::HangUp&) {}
 
     void check(const worker::Finished& finished) {
         over_ = true;

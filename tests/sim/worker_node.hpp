@@ -34,6 +34,7 @@ private:
     void perform(worker::StartTile&& start);
     void perform(worker::StopTile&& stop);
     void perform(worker::ForgetScene&& forget) { scenes_.erase(forget.scene); }
+    void perform(worker::HangUp&&) {} // nobody calls here
     void perform(worker::Log&& line);
     void perform(worker::Finished&&);
     void start_waiting();

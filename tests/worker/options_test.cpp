@@ -21,6 +21,8 @@ TEST_CASE("options are checked before anything is sent") {
     };
     for (const Row& row :
          {Row{"--broker", [](WorkerOptions& o) { o.brokers.clear(); }},
+          Row{"--listen and --broker", [](WorkerOptions& o) { o.listen = "tcp://127.0.0.1:0"; }},
+          Row{"--insecure", [](WorkerOptions& o) { o.insecure = true; }},
           Row{"--threads 0", [](WorkerOptions& o) { o.threads = 0; }},
           Row{"--threads", [](WorkerOptions& o) { o.threads = threads_max + 1; }},
           Row{"--name", [](WorkerOptions& o) { o.name = ""; }},
@@ -62,6 +64,42 @@ TEST_CASE("the defaults are valid options") {
                                 .on_log = {}};
     CHECK(validate(options).has_value());
     CHECK(default_worker_name().find(':') != std::string::npos);
+}
+
+TEST_CASE(
+    "workers that listen have a port each, and are for this machine alone unless it is said") {
+    using Endpoints = std::vector<std::string>;
+    const auto endpoints = [](const char* listen, std::uint64_t count, bool insecure = false) {
+        auto all = listening_endpoints(listen, insecure, count);
+        return all ? *all : Endpoints{all.error().message};
+    };
+    CHECK(endpoints("tcp://127.0.0.1:0", 2) == Endpoints{"tcp://127.0.0.1:0", "tcp://127.0.0.1:0"});
+    CHECK(endpoints("localhost:65533", 3) ==
+          Endpoints{"tcp://127.0.0.1:65533", "tcp://127.0.0.1:65534", "tcp://127.0.0.1:65535"});
+    CHECK(endpoints("tcp://*:7001", 2, true) == Endpoints{"tcp://*:7001", "tcp://*:7002"});
+    struct Row {
+        const char *listen, *says;
+    };
+    for (const Row& row :
+         {Row{"tcp://*:7001", "--insecure"}, Row{"tcp://192.0.2.1:0", "--insecure"},
+          Row{"tcp://127.0.0.1:65534", "3 workers need as many ports"},
+          Row{"ipc:///tmp/x", "tcp://HOST:PORT"}, Row{"pgm://x", "transport"},
+          Row{"127.0.0.1:x", "port"}}) {
+        CAPTURE(row.listen);
+        WorkerOptions options;
+        options.name = "n";
+        options.listen = row.listen;
+        options.emulated = {{3, 1e3}};
+        const auto valid = validate(options);
+        REQUIRE_FALSE(valid.has_value());
+        CHECK(valid.error().message.starts_with("--listen"));
+        CHECK(valid.error().message.find(row.says) != std::string::npos);
+    }
+    WorkerOptions options;
+    options.name = "n";
+    options.listen = "127.0.0.1:0";
+    CHECK(validate(options).has_value());
+    CHECK(session_count(options) == 1);
 }
 
 TEST_CASE("parse_emulated_workers takes COUNT@SPEED and nothing else") {

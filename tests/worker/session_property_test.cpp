@@ -97,6 +97,7 @@ private:
         REQUIRE(compiling.insert(compile.scene).second);
     }
     void on(const ForgetScene& forget) { REQUIRE(compiled_.erase(forget.scene) == 1); }
+    void on(const HangUp&) { FAIL("nobody has called"); }
     void on(const Log&) {}
     void on(const Finished&) {
         REQUIRE(running_.empty());

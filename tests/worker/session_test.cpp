@@ -397,6 +397,92 @@ TEST_CASE("a broker of another version ends the worker") {
     }
 }
 
+namespace {
+
+/// Of a worker that brokers call.
+Identity called_identity() {
+    Identity identity = test_identity();
+    identity.is_called = true;
+    return identity;
+}
+
+} // namespace
+
+TEST_CASE("a caller that is gone takes its tiles with it, and the next one is greeted at once") {
+    SessionDriver driver(called_identity());
+    driver.connect();
+    const TestScene scene(100);
+    (void)driver.receive(order(scene, 1));
+    (void)driver.receive(scene.chunk(0));
+    REQUIRE(of_type<StartTile>(driver.step(SceneCompiled{scene.hash})).size() == 1);
+    auto actions = driver.step(CallerGone{}); // within a second of the last hello
+    CHECK(of_type<StopTile>(actions).size() == 1);
+    CHECK(sent<TileFailed>(actions).empty());
+    const auto hellos = sent<WorkerHello>(actions);
+    REQUIRE(hellos.size() == 1);
+    CHECK(hellos[0].incarnation == 2);
+    (void)driver.receive(welcome());
+    actions = driver.receive(order(scene, 1, 1, 2)); // the scene is still on the shelf
+    CHECK(of_type<StartTile>(actions).size() == 1);
+}
+
+TEST_CASE("no caller ends a worker: whoever is of another version is hung up on, for good") {
+    for (const bool in_words : {true, false}) {
+        CAPTURE(in_words);
+        SessionDriver driver(called_identity());
+        (void)driver.step(Tick{});
+        const auto actions =
+            in_words ? driver.receive(Refused{RefusalCode::version_mismatch, {}, "version 1"})
+                     : driver.step(Undecodable{{ErrorCode::version_mismatch, "version 9"}});
+        CHECK(of_type<Finished>(actions).empty());
+        REQUIRE(of_type<HangUp>(actions).size() == 1);
+        CHECK(of_type<HangUp>(actions)[0].for_good);
+        CHECK(sent<WorkerHello>(driver.step(CallerGone{})).size() == 1);
+    }
+    SessionDriver driver(called_identity());
+    driver.connect();
+    CHECK(of_type<HangUp>(driver.receive(Dismissed{"go"})).size() == 1);
+    CHECK(sent<WorkerHello>(driver.step(CallerGone{})).size() == 1);
+    (void)driver.receive(welcome());
+    // Its owner does.
+    CHECK(of_type<Finished>(driver.step(StopNow{})).empty()); // the last beat has its answer first
+    CHECK(of_type<Finished>(driver.receive(Beat{})).size() == 1);
+}
+
+TEST_CASE("a caller that does not answer leaves its turn to others and comes again") {
+    SessionDriver driver(called_identity());
+    std::size_t hellos = sent<WorkerHello>(driver.step(Tick{})).size();
+    for (;;) {
+        const auto actions = driver.pass(driver.session.next_deadline() - driver.now);
+        if (const auto hung_up = of_type<HangUp>(actions); !hung_up.empty()) {
+            CHECK_FALSE(hung_up[0].for_good);
+            break;
+        }
+        hellos += sent<WorkerHello>(actions).size();
+        REQUIRE(hellos < 100);
+    }
+    CHECK(hellos == Limits{}.hellos_per_turn);
+    CHECK(sent<WorkerHello>(driver.step(CallerGone{})).size() == 1);
+    // One that answers keeps it, however often it forgets the worker.
+    for (int i = 0; i < 20; ++i) {
+        (void)driver.receive(welcome());
+        (void)driver.receive(Refused{RefusalCode::unknown_peer, {}, ""});
+        const auto actions = driver.pass(2s);
+        CHECK(of_type<HangUp>(actions).empty());
+        CHECK(sent<WorkerHello>(actions).size() == 1);
+    }
+}
+
+TEST_CASE("a worker that is leaving leaves with its caller") {
+    SessionDriver driver(called_identity());
+    driver.connect();
+    (void)driver.receive(order(TestScene(100), 1));
+    CHECK(of_type<Finished>(driver.step(Drain{})).empty());
+    const auto finished = of_type<Finished>(driver.step(CallerGone{}));
+    REQUIRE(finished.size() == 1);
+    CHECK(finished[0].reason == FinishReason::drained);
+}
+
 TEST_CASE("a hello that is refused for another reason is tried again") {
     SessionDriver driver;
     (void)driver.step(Tick{});

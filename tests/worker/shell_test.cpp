@@ -8,6 +8,7 @@
 #include <chrono>
 #include <doctest/doctest.h>
 #include <fstream>
+#include <future>
 #include <iterator>
 #include <optional>
 #include <set>
@@ -34,6 +35,9 @@ public:
         : socket_(std::move(*net::RouterSocket::bind(context, endpoint))) {}
 
     [[nodiscard]] std::string endpoint() const { return socket_.endpoint(); }
+    void call(const std::string& worker) { REQUIRE(socket_.call(worker).has_value()); }
+    /// Whether a worker has spoken so far.
+    bool heard_anything() { return socket_.receive().has_value(); }
 
     /// The next M; beats that come before are answered, anything else fails the test.
     template <class M>
@@ -96,6 +100,38 @@ public:
         return **outcome_;
     }
     Control control;
+
+private:
+    WorkerOptions options_;
+    std::optional<Result<FinishReason>> outcome_;
+    std::jthread thread_; // last: joined first
+};
+
+/// One that listens, in a thread.
+class ListeningWorker {
+public:
+    explicit ListeningWorker(const net::Context& context,
+                             std::vector<EmulatedWorkers> emulated = {}) {
+        options_.listen = "tcp://127.0.0.1:0";
+        options_.threads = 2;
+        options_.name = "listening";
+        options_.emulated = std::move(emulated);
+        std::promise<std::vector<std::string>> listening;
+        options_.on_listening = [&](const std::vector<std::string>& where) {
+            listening.set_value(where);
+        };
+        thread_ = std::jthread([&] { outcome_ = run_worker(context, options_, control); });
+        endpoints = listening.get_future().get();
+    }
+    ~ListeningWorker() { control.stop_now(); }
+
+    FinishReason join() {
+        thread_.join();
+        REQUIRE(outcome_->has_value());
+        return **outcome_;
+    }
+    Control control;
+    std::vector<std::string> endpoints;
 
 private:
     WorkerOptions options_;
@@ -255,6 +291,88 @@ TEST_CASE("emulated workers are sessions of their own over one socket thread") {
     CHECK(ids.size() == 3);
     worker.control.drain();
     CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("a worker that listens serves one caller after the other") {
+    const net::Context context;
+    ListeningWorker worker(context);
+    REQUIRE(worker.endpoints.size() == 1);
+    const Bytes scene = scene_text("cone.raj");
+    FakeBroker patient(context, "tcp://127.0.0.1:*");
+    for (int i = 0; i < 3; ++i) {
+        CAPTURE(i);
+        FakeBroker caller(context, "tcp://127.0.0.1:*");
+        caller.call(worker.endpoints[0]);
+        const auto hello = caller.expect<WorkerHello>();
+        CHECK(hello.worker_name == "listening");
+        Welcome welcome = quick_welcome();
+        welcome.incarnation = hello.incarnation;
+        caller.send(welcome);
+        caller.send(order(scene, 0));
+        if (i == 0) { // it is kept for those who call later
+            const auto need = caller.expect<NeedChunk>();
+            caller.send(Chunk{need.blob, 0, scene.size(), {make_blob(scene)}});
+        }
+        CHECK(caller.expect<TileRendered>().blobs.size() == 1);
+        if (i < 2)
+            caller.send(order(scene, 1)); // and leaves without waiting for it
+        else {
+            patient.call(worker.endpoints[0]);
+            for (int beats = 0; beats < 5; ++beats) { // the turn stays where it is
+                (void)caller.expect<WorkerBeat>();
+                caller.send(Beat{});
+            }
+            CHECK_FALSE(patient.heard_anything());
+        }
+    }
+    (void)patient.expect<WorkerHello>();
+    worker.control.drain();
+    CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("a worker that listens outlives callers of another version and those who dismiss it") {
+    const net::Context context;
+    ListeningWorker worker(context);
+    FakeBroker foreigner(context, "inproc://foreigner");
+    foreigner.call(worker.endpoints[0]);
+    (void)foreigner.expect<WorkerHello>();
+    Packet foreign = encode(Refused{RefusalCode::version_mismatch, {}, "no"});
+    foreign.header[4] = std::byte{99};
+    foreigner.send(foreign);
+    FakeBroker rude(context, "inproc://rude"), caller(context, "inproc://caller");
+    rude.call(worker.endpoints[0]);
+    (void)rude.expect<WorkerHello>();
+    rude.send(Dismissed{"go away"});
+    caller.call(worker.endpoints[0]);
+    (void)caller.expect<WorkerHello>();
+}
+
+TEST_CASE("emulated workers that listen have an endpoint each, and a caller each") {
+    const net::Context context;
+    ListeningWorker worker(context, {{3, 1e6}});
+    REQUIRE(worker.endpoints.size() == 3);
+    FakeBroker both(context, "inproc://both"), last(context, "inproc://last");
+    both.call(worker.endpoints[0]);
+    both.call(worker.endpoints[1]);
+    last.call(worker.endpoints[2]);
+    std::set<std::string> names;
+    for (int i = 0; i < 2; ++i)
+        names.insert(both.expect<WorkerHello>().worker_name);
+    CHECK(names == std::set<std::string>{"listening/1", "listening/2"});
+    CHECK(last.expect<WorkerHello>().worker_name == "listening/3");
+}
+
+TEST_CASE("a worker that cannot listen says where, and why") {
+    const net::Context context;
+    const ListeningWorker worker(context);
+    WorkerOptions options;
+    options.name = "second";
+    options.listen = worker.endpoints[0];
+    Control control;
+    const auto outcome = run_worker(context, options, control);
+    REQUIRE_FALSE(outcome.has_value());
+    CHECK(outcome.error().code == ErrorCode::io);
+    CHECK(outcome.error().message.find(worker.endpoints[0]) != std::string::npos);
 }
 
 TEST_CASE("options that make no sense are refused before anything starts") {
