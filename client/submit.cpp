@@ -21,18 +21,37 @@
 namespace fraja::client {
 namespace {
 
+std::string joined(const std::vector<std::string>& endpoints) {
+    std::string all;
+    for (const std::string& endpoint : endpoints)
+        all += (all.empty() ? "" : ", ") + endpoint;
+    return all;
+}
+
 /// Keeps the picture, the progress and the sums while a submission runs.
 class SubmitListener final : public Listener {
 public:
     SubmitListener(const SubmitOptions& options, Console& console)
         : options_(options), console_(console),
-          progress_(console, ProgressReport::chosen(options.shared.progress, console), net::now()) {
-    }
+          progress_(console, ProgressReport::chosen(options.shared.progress, console), net::now()),
+          give_up_at_(net::now() + options.shared.connect_timeout) {}
 
     void hear(Instant now, const News& news) override {
         std::visit([&](const auto& n) { take(now, n); }, news);
     }
-    Instant tick(Instant now) override { return progress_.tick(now); }
+    Instant tick(Instant now) override {
+        const Instant redraw = progress_.tick(now);
+        gave_up_ = waits_for_workers() && now >= give_up_at_;
+        return waits_for_workers() ? std::min(redraw, give_up_at_) : redraw;
+    }
+    std::optional<Outcome> wants_to_leave() override {
+        if (!gave_up_)
+            return std::nullopt;
+        return Outcome{ExitCode::unreachable,
+                       "no worker takes tiles at " + joined(options_.direct) +
+                           ": none listens there, or all serve somebody else (--connect-timeout "
+                           "says how long to wait for the first)"};
+    }
     void finish(Instant now) { progress_.finish(now); }
 
     [[nodiscard]] const std::optional<protocol::JobState>& job() const { return job_; }
@@ -44,7 +63,7 @@ private:
     void take(Instant, const Accepted& news) {
         if (job_)
             console_.warning("the broker had lost the job: submitted again");
-        else if (!options_.local && !options_.detach)
+        else if (!options_.own_farm() && !options_.detach)
             console_.info(fmt::format("{} #{}: job {} at {}", news.state.job_name,
                                       news.state.number, fraja::to_string(news.state.job),
                                       broker_));
@@ -56,10 +75,12 @@ private:
     }
     void take(Instant, const TileArrived& news) {
         picture_->place(news.tile, news.cell_count);
+        worker_seen_ = true;
         workers_.insert(news.tile.worker_name);
     }
     void take(Instant, const StateChanged& news) {
         job_ = news.state;
+        worker_seen_ = worker_seen_ || news.state.worker_count > 0;
         progress_.update(news.state);
     }
     void take(Instant, const ConnectionChanged& news) {
@@ -73,9 +94,16 @@ private:
     void take(Instant, const FarmChanged&) {}
     void take(Instant, const Finished&) {}
 
+    /// Of those that --direct names, none has been given a tile yet.
+    [[nodiscard]] bool waits_for_workers() const {
+        return !options_.direct.empty() && !worker_seen_;
+    }
+
     const SubmitOptions& options_;
     Console& console_;
     ProgressReport progress_;
+    Instant give_up_at_;
+    bool worker_seen_ = false, gave_up_ = false;
     std::optional<protocol::JobState> job_;
     std::optional<Picture> picture_;
     std::set<std::string> workers_;
@@ -147,10 +175,10 @@ private:
         fmt::print("\nsettings  {}\n", settings_text(s));
         if (!options_.output.empty())
             fmt::print("output    {}\n", options_.output);
-        std::string brokers;
-        for (const std::string& broker : options_.shared.brokers)
-            brokers += (brokers.empty() ? "" : ", ") + broker;
-        fmt::print("broker    {}\n", options_.local ? "none: in this process" : brokers);
+        fmt::print("broker    {}\n", options_.local ? "none: in this process"
+                                     : !options_.direct.empty()
+                                         ? "none: workers at " + joined(options_.direct)
+                                         : joined(options_.shared.brokers));
     }
 
     Outcome render(SubmitListener& listener) {
@@ -172,8 +200,9 @@ private:
                                   .timeout = options_.timeout};
         if (const protocol::PictureSettings& s = options_.settings; s.limited_in_time())
             request.ends_at = started_ + s.time_limit;
-        if (options_.local) {
-            auto started = LocalFarm::start(context, options_.local_threads);
+        if (options_.own_farm()) {
+            auto started = options_.local ? LocalFarm::start(context, options_.local_threads)
+                                          : LocalFarm::call(context, options_.direct);
             if (!started)
                 return {ExitCode::usage, started.error().message};
             farm = *std::move(started);
@@ -195,7 +224,7 @@ private:
             return end_detached();
         if (outcome.code == ExitCode::done)
             outcome = write(listener);
-        else if (left && options_.local)
+        else if (left && options_.own_farm())
             save_unfinished(listener);
         else if (left)
             explain_leaving(listener, outcome);
@@ -211,9 +240,9 @@ private:
         const auto attributes = picture_attributes(scene_.hash, options_.settings);
         if (const auto written = listener.picture()->write(options_.output, attributes); !written) {
             const std::string cure =
-                options_.local ? ""
-                               : "; the job is done: fraja-ctl -b " + listener.broker() + " get " +
-                                     fraja::to_string(report_.job.job) + " -o FILE";
+                options_.own_farm() ? ""
+                                    : "; the job is done: fraja-ctl -b " + listener.broker() +
+                                          " get " + fraja::to_string(report_.job.job) + " -o FILE";
             console_.error(written.error().message + cure);
             return {ExitCode::job_failed, written.error().message};
         }

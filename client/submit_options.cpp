@@ -1,6 +1,7 @@
 #include "client/submit_options.hpp"
 
 #include "common/base/text.hpp"
+#include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
 #include "common/render/kernel/render.hpp"
@@ -18,6 +19,7 @@ constexpr const char* examples = R"(Examples:
   fraja-submit scenes/cone.raj -r 1920x1080 -a 4       render on the farm to ./cone.png
   fraja-submit scenes/cone.raj --error 1               right to about one level of 255
   fraja-submit scenes/cone.raj --time-limit 30s        the best picture in half a minute
+  fraja-submit --direct host1:7001,host2:7001 a.raj    on workers that listen, without a broker
   job=$(fraja-submit --detach scenes/cone.raj)         submit and leave; then: fraja-watch $job
 
 Submits a scene, follows it, and writes the picture. Exit: 0 done, 1 the job failed, 2 usage or
@@ -27,6 +29,7 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces the instruction set of --local; it never c
 
 constexpr std::uint32_t threads_max = 2048;
 constexpr std::uint32_t workers_max = 1'000'000;
+constexpr std::size_t direct_max = 10'000;
 /// More is asked for than floats can tell.
 constexpr double error_min = 0.001;
 
@@ -36,7 +39,8 @@ struct Arguments {
     SubmitOptions options;
     std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
                             filter = "box", time_limit, timeout;
-    CLI::Option* max_samples = nullptr;
+    CLI::Option *max_samples = nullptr, *broker = nullptr;
+    std::vector<std::string> direct;
     bool overwrite = false;
 };
 
@@ -124,6 +128,19 @@ void add_job_options(CLI::App& app, Arguments& a) {
         ->default_str("scene name")
         ->type_name("NAME");
     app.add_flag("--local", o.local, "Render in this process: no daemon needed");
+    const auto direct = [&a](const std::vector<std::string>& workers) {
+        a.direct.insert(a.direct.end(), workers.begin(), workers.end()); // of each mention
+        a.broker->envname(""); // the environment's broker is for jobs that want one
+    };
+    app.add_option_function<std::vector<std::string>>(
+           "--direct", direct,
+           "Call these workers (fraja-worker --listen) and deal the tiles out from here: no "
+           "broker, "
+           "and nobody else is served meanwhile; a comma list, or repeatable")
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->type_name("HOST:PORT")
+        ->trigger_on_parse();
     app.add_option("-j,--threads", o.local_threads, "Threads of --local")
         ->default_str("every CPU")
         ->check(CLI::Range(1u, threads_max))
@@ -138,7 +155,9 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
         "--resume", o.resume,
         "Take over the newest job of the same scene and settings, if there is one; one that "
         "failed or was cancelled goes on with what it has");
-    app.add_option("--timeout", a.timeout, "Leave after this time with exit 124; the job goes on")
+    app.add_option("--timeout", a.timeout,
+                   "Leave after this time with exit 124; the job goes on, but with --local or "
+                   "--direct, where what is done is saved")
         ->type_name("T");
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
     app.add_flag("--stats", o.stats,
@@ -223,6 +242,43 @@ Result<void> read_tiles(Arguments& a) {
     return {};
 }
 
+/// Each once, as whole endpoints.
+Result<void> read_direct(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (a.direct.empty())
+        return {};
+    if (a.broker->count() > 0)
+        return invalid_option("--direct and --broker contradict each other: without a broker, or "
+                              "with one");
+    if (o.local)
+        return invalid_option("--direct and --local contradict each other: on other workers, or "
+                              "here");
+    if (o.detach)
+        return invalid_option("--detach needs a farm that goes on: not with --direct");
+    if (o.resume)
+        return invalid_option("--resume needs a farm that goes on: not with --direct");
+    if (a.direct.size() > direct_max)
+        return invalid_option("--direct: at most " + std::to_string(direct_max) + " workers");
+    for (const std::string& text : a.direct) {
+        const auto endpoint = net::parse_endpoint(text, 0);
+        if (!endpoint)
+            return invalid_option("--direct: " + endpoint.error().message);
+        if (endpoint->transport != net::Endpoint::Transport::tcp)
+            return invalid_option("--direct " + text + ": a worker is reached at tcp://HOST:PORT");
+        if (endpoint->port == 0)
+            return invalid_option("--direct " + text +
+                                  ": a port is missing (fraja-worker --listen prints it)");
+        if (endpoint->host == "*")
+            return invalid_option("--direct " + text +
+                                  ": that is a place to listen at, not one to connect to");
+        std::string worker = net::to_string(*endpoint);
+        if (std::ranges::find(o.direct, worker) != o.direct.end())
+            return invalid_option("--direct " + text + ": the same worker twice");
+        o.direct.push_back(std::move(worker));
+    }
+    return {};
+}
+
 Result<void> read_conduct(Arguments& a) {
     SubmitOptions& o = a.options;
     if (!a.timeout.empty()) {
@@ -280,9 +336,10 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     add_conduct_options(app, a);
     a.shared.add_to(app, program,
                     kernel::instruction_set().value_or("no instruction set to render with"));
+    a.broker = app.get_option("--broker");
     if (auto early = parse(app, std::move(arguments)))
         return *early;
-    for (const auto read : {read_picture, read_tiles, read_conduct, read_names})
+    for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names})
         if (const auto good = read(a); !good)
             return usage_error(program, good.error().message);
     auto shared = a.shared.read();

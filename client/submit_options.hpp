@@ -23,10 +23,14 @@ struct SubmitOptions {
     protocol::Wishes wishes;
     bool local = false;
     std::uint32_t local_threads = 0; ///< 0: every CPU this process may use
+    std::vector<std::string> direct; ///< workers that listen, called in place of a broker
     bool resume = false;             ///< take over a job of the same scene and settings
     bool detach = false, wait = false, dry_run = false, stats = false;
     bool skip_existing = false;
     std::optional<Duration> timeout;
+
+    /// Whether the job is this process's own, and ends with it.
+    [[nodiscard]] bool own_farm() const { return local || !direct.empty(); }
 };
 
 /// Everything that can be checked without looking at a file or a broker is checked.

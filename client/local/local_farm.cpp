@@ -1,6 +1,7 @@
 #include "client/local/local_farm.hpp"
 
 #include "broker/shell.hpp"
+#include "common/net/descriptors.hpp"
 #include "worker/shell.hpp"
 
 #include <future>
@@ -21,6 +22,9 @@ struct LocalFarm::State {
     worker::Control worker_control;
     std::jthread broker_thread, worker_thread;
 
+    /// Starts the broker. It says where it listens, or why it does not.
+    Result<void> start_broker(const net::Context& context, std::vector<std::string> call);
+
     /// The worker first, so that there is somebody to say Goodbye to.
     ~State() {
         worker_control.stop_now();
@@ -30,31 +34,47 @@ struct LocalFarm::State {
     }
 };
 
+Result<void> LocalFarm::State::start_broker(const net::Context& context,
+                                            std::vector<std::string> call) {
+    std::promise<Result<std::string>> promise;
+    auto listening = promise.get_future();
+    broker_thread = std::jthread([&context, &control = broker_control, p = std::move(promise),
+                                  call = std::move(call)]() mutable {
+        bool said = false;
+        broker::Options options;
+        options.bind = session_endpoint;
+        options.publish = stream_endpoint;
+        options.call = std::move(call);
+        options.on_listening = [&](const std::string& bound, const std::string&) {
+            said = true;
+            p.set_value(bound);
+        };
+        const auto ran = broker::run_broker(context, options, control);
+        if (!said)
+            p.set_value(ran ? Error{ErrorCode::io, "the local broker ended"} : ran.error());
+    });
+    auto bound = listening.get();
+    if (!bound)
+        return bound.error();
+    endpoint = *std::move(bound);
+    return {};
+}
+
+Result<std::unique_ptr<LocalFarm>> LocalFarm::call(const net::Context& context,
+                                                   const std::vector<std::string>& workers) {
+    if (auto reserved = net::reserve_descriptors(workers.size()); !reserved)
+        return reserved.error();
+    auto state = std::make_unique<State>();
+    if (auto started = state->start_broker(context, workers); !started)
+        return started.error();
+    return std::unique_ptr<LocalFarm>(new LocalFarm(std::move(state)));
+}
+
 Result<std::unique_ptr<LocalFarm>> LocalFarm::start(const net::Context& context,
                                                     std::uint32_t threads) {
     auto state = std::make_unique<State>();
-    // The broker says where it listens, or why it does not.
-    std::promise<Result<std::string>> promise;
-    auto listening = promise.get_future();
-    state->broker_thread = std::jthread(
-        [&context, &control = state->broker_control, p = std::move(promise)]() mutable {
-            bool said = false;
-            broker::Options options;
-            options.bind = session_endpoint;
-            options.publish = stream_endpoint;
-            options.on_listening = [&](const std::string& bound, const std::string&) {
-                said = true;
-                p.set_value(bound);
-            };
-            const auto ran = broker::run_broker(context, options, control);
-            if (!said)
-                p.set_value(ran ? Error{ErrorCode::io, "the local broker ended"} : ran.error());
-        });
-    auto endpoint = listening.get();
-    if (!endpoint)
-        return endpoint.error();
-    state->endpoint = *endpoint;
-
+    if (auto started = state->start_broker(context, {}); !started)
+        return started.error();
     worker::WorkerOptions options;
     options.brokers = {state->endpoint};
     options.threads = threads != 0 ? threads : worker::usable_cpu_count();

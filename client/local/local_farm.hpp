@@ -1,5 +1,5 @@
-// LocalFarm: a broker and a worker in this process, for --local. The only place where programs
-// include one another.
+// LocalFarm: a broker in this process, with a worker here, for --local, or workers elsewhere that
+// it calls, for --direct. The only place where programs include one another.
 #pragma once
 
 #include "common/base/result.hpp"
@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace fraja::client {
 
@@ -17,6 +18,10 @@ public:
     /// CPU that this process may use. Signals should be blocked before.
     [[nodiscard]] static Result<std::unique_ptr<LocalFarm>> start(const net::Context& context,
                                                                   std::uint32_t threads);
+    /// Starts the broker alone and has it call workers that listen, at these endpoints. Whether
+    /// they answer shows in the job.
+    [[nodiscard]] static Result<std::unique_ptr<LocalFarm>>
+    call(const net::Context& context, const std::vector<std::string>& workers);
     /// Drops what is being rendered.
     ~LocalFarm();
     LocalFarm(const LocalFarm&) = delete;

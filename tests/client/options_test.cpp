@@ -97,6 +97,11 @@ TEST_CASE("fraja-submit reads every option") {
     CHECK(submit("a.raj -r 64x48").settings.crop == PixelRect{0, 0, 64, 48});
     CHECK(submit("a.raj --local -j 3").local_threads == 3);
     CHECK(submit("a.raj --detach").output.empty());
+    const auto direct = submit("a.raj --direct h1:1,tcp://h2:2 --direct [::1]:3");
+    CHECK(direct.direct == std::vector<std::string>{"tcp://h1:1", "tcp://h2:2", "tcp://[::1]:3"});
+    CHECK(direct.own_farm());
+    CHECK(submit("a.raj --local").own_farm());
+    CHECK_FALSE(o.own_farm());
 }
 
 TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the option") {
@@ -144,6 +149,20 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj --detach -o b.png", "--detach"},
                            Row{"a.raj --detach --local", "--detach"},
                            Row{"a.raj --detach --wait", "--detach"},
+                           Row{"a.raj --direct h", "--direct h: a port"},
+                           Row{"a.raj --direct h:0", "--direct h:0: a port"},
+                           Row{"a.raj --direct h:x", "--direct"},
+                           Row{"a.raj --direct *:1", "--direct *:1"},
+                           Row{"a.raj --direct ipc:///x", "--direct ipc:///x"},
+                           Row{"a.raj --direct pgm://h:1", "--direct"},
+                           Row{"a.raj --direct h:1,i:1,tcp://h:1", "twice"},
+                           Row{"a.raj --direct h:1 -b h:2", "--direct and --broker"},
+                           Row{"a.raj -b h:2 --direct h:1", "--direct and --broker"},
+                           Row{"a.raj --direct h:1 --local", "--direct and --local"},
+                           Row{"a.raj --direct h:1 -j 2", "--threads"},
+                           Row{"a.raj --direct h:1 --detach", "not with --direct"},
+                           Row{"a.raj --direct h:1 --resume", "not with --direct"},
+                           Row{"a.raj --direct", "--direct"},
                            Row{"a.raj -j 2", "--threads"},
                            Row{"a.raj --local -j 0", "--threads"},
                            Row{"a.raj --overwrite --skip-existing", "--overwrite"},
@@ -172,6 +191,7 @@ TEST_CASE("an option goes before the environment, that before the default") {
     CHECK(submit("a.raj").shared.brokers ==
           std::vector<std::string>{"tcp://env:1", "tcp://other:2"});
     CHECK(submit("a.raj -b option:3").shared.brokers == std::vector<std::string>{"tcp://option:3"});
+    CHECK(submit("a.raj --direct h:1").direct.size() == 1); // it does not contradict what is typed
     const Variable level("FRAJA_LOG_LEVEL", "error");
     CHECK(submit("a.raj").shared.console.level == LogLevel::error);
     CHECK(submit("a.raj --log-level info").shared.console.level == LogLevel::info);
