@@ -20,6 +20,7 @@ struct Uuid {
 };
 
 using JobId = Uuid<struct JobTag>;       ///< one submitted picture; made by the client
+using FilmId = Uuid<struct FilmTag>;     ///< of jobs that are its frames; made by the client
 using WorkerId = Uuid<struct WorkerTag>; ///< one worker process; made at its start
 using BrokerId = Uuid<struct BrokerTag>; ///< one broker process; made at its start
 using Nonce = Uuid<struct NonceTag>;     ///< used once: a barrier, a request

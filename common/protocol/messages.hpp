@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 5;
+inline constexpr std::uint16_t version = 6;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -152,11 +152,14 @@ struct Wishes {
     Schedule schedule = Schedule::demand;
     std::uint32_t workers_max = 0; ///< at a time; 0: as many as help
     std::vector<std::string> tags; ///< a worker must have each: K or K=V; K alone fits any value
+    FilmId film;                   ///< of which this is a frame; zero: it is a single picture
+    std::uint32_t frame = 0;       ///< its number there
     friend bool operator==(const Wishes&, const Wishes&) = default;
     static constexpr auto fields() {
         using T = Wishes;
         return std::tuple{Field{"schedule", &T::schedule}, Field{"workers_max", &T::workers_max},
-                          Field{"tags", &T::tags}};
+                          Field{"tags", &T::tags}, Field{"film", &T::film},
+                          Field{"frame", &T::frame}};
     }
 };
 
@@ -347,6 +350,8 @@ struct JobState {
     Rays rays;
     Duration render_time{};
     Duration elapsed{};
+    FilmId film;
+    std::uint32_t frame = 0;
     friend bool operator==(const JobState&, const JobState&) = default;
     static constexpr auto fields() {
         using T = JobState;
@@ -367,7 +372,9 @@ struct JobState {
                           Field{"worker_count", &T::worker_count},
                           Field{"rays", &T::rays},
                           Field{"render_time", &T::render_time},
-                          Field{"elapsed", &T::elapsed}};
+                          Field{"elapsed", &T::elapsed},
+                          Field{"film", &T::film},
+                          Field{"frame", &T::frame}};
     }
 };
 

@@ -66,7 +66,7 @@ TEST_CASE("the bytes of a message do not drift") {
     // Written out by hand from PROTOCOL.md: a change of these bytes is a new version of the
     // protocol.
     const Packet packet = encode(NeedChunk{ContentHash{}, 0x80000});
-    CHECK(packet.header == raw({'F', 'R', 'J', 'A', 5, 0, 10, 0}));
+    CHECK(packet.header == raw({'F', 'R', 'J', 'A', 6, 0, 10, 0}));
     Bytes body = raw({0x92, 0xc4, 32});
     body.insert(body.end(), 32, std::byte{0});
     for (const unsigned b : {0xceu, 0x00u, 0x08u, 0x00u, 0x00u})
@@ -99,9 +99,9 @@ TEST_CASE("what is not exactly a message is refused") {
              Row{"no frame", {}},
              Row{"one frame", {make_blob(header_of(Beat::type))}},
              Row{"empty header", frames_of({}, raw({0x90}))},
-             Row{"another magic", frames_of(raw({'F', 'R', 'A', 'J', 5, 0, 5, 0}), raw({0x90}))},
-             Row{"short header", frames_of(raw({'F', 'R', 'J', 'A', 5, 0, 5}), raw({0x90}))},
-             Row{"long header", frames_of(raw({'F', 'R', 'J', 'A', 5, 0, 5, 0, 0}), raw({0x90}))},
+             Row{"another magic", frames_of(raw({'F', 'R', 'A', 'J', 6, 0, 5, 0}), raw({0x90}))},
+             Row{"short header", frames_of(raw({'F', 'R', 'J', 'A', 6, 0, 5}), raw({0x90}))},
+             Row{"long header", frames_of(raw({'F', 'R', 'J', 'A', 6, 0, 5, 0, 0}), raw({0x90}))},
              Row{"unknown type", frames_of(header_of(999), raw({0x90}))},
              Row{"empty body", frames_of(header_of(Beat::type), {})},
              Row{"body is no array", frames_of(header_of(Beat::type), raw({0x01}))},
@@ -178,6 +178,15 @@ TEST_CASE("what was kept is read by every version of the protocol") {
     job.priority = 0;
     CHECK(decode_kept<SubmitJob>(older).value() == job);
     CHECK(refusal(frames_of(header_of(SubmitJob::type), older)) == ErrorCode::malformed_frame);
+    // As version 5 wrote it, whose wishes knew no films.
+    const Bytes no_films =
+        body_of(10, {0x9b, 0x92, 8, 6, 0x94, 0, 0, 8, 6, 5, 0, 0xc2, 1, 16, 0, 0xcd, 4, 0, 0, 0},
+                {32, 0, 0xfe, 0x93, 0, 3, 0x90, 0xc2});
+    SubmitJob single = job;
+    single.priority = -2;
+    single.wishes.workers_max = 3;
+    CHECK(decode_kept<SubmitJob>(no_films).value() == single);
+    CHECK(refusal(frames_of(header_of(SubmitJob::type), no_films)) == ErrorCode::malformed_frame);
     // And one to come, with fields that nobody knows yet.
     const Bytes newer =
         body_of(11, {0x9c, 0x92, 8, 6, 0x94, 0, 0, 8, 6, 5, 0, 0xc2, 1, 16, 0, 0xcd, 4, 0, 0, 0, 1},
