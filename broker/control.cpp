@@ -76,6 +76,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         break;
     case JobDeed::set_priority:
         job->priority = control.priority;
+        look_ready(*job);
         if (job->is_kept)
             persist(PutPriority{job->id(), job->priority}, {.job = job->id()});
         break;

@@ -6,7 +6,6 @@
 #include "common/protocol/probe.hpp"
 
 #include <algorithm>
-#include <tuple>
 
 namespace fraja::broker {
 
@@ -59,38 +58,10 @@ double Dispatcher::speed_of(const WorkerSession& worker) const {
     return worker.speed.rays_per_s(speed_.is_known() ? speed_.rays_per_s() : 1);
 }
 
-/// Whether the job has something to give.
-void Dispatcher::look_ready(Job& job) {
-    blocked_.erase(job.id());
+/// Takes note of whether the job has something to give, and of how much.
+void Dispatcher::look_ready(const Job& job) {
     const bool may_run = job.phase == JobPhase::queued || job.phase == JobPhase::running;
-    if (may_run && (job.has_pending() || job.probe == Job::Probe::wanted))
-        ready_.insert(job.id());
-    else
-        ready_.erase(job.id());
-}
-
-/// Higher priority first; of equals whoever has the fewest tiles in flight, so that jobs share the
-/// farm. Orders are together one of these, and go one after the other: whoever gave them counts on
-/// that.
-Job* Dispatcher::job_for_next_tile() {
-    Job* best = nullptr;
-    std::size_t orders_in_flight = 0;
-    for (const auto& [id, order] : orders_)
-        orders_in_flight += jobs_.at(id).in_flight_count();
-    const auto place = [&](const Job& job) {
-        const auto order = orders_.find(job.id());
-        const bool is_order = order != orders_.end();
-        return std::tuple(-std::int64_t{job.priority},
-                          is_order ? orders_in_flight : job.in_flight_count(), !is_order,
-                          is_order ? order->second.number : job.number());
-    };
-    const auto before = [&](const Job& a, const Job& b) { return place(a) < place(b); };
-    for (const JobId& id : ready_) {
-        Job& job = jobs_.at(id);
-        if (!best || before(job, *best))
-            best = &job;
-    }
-    return best;
+    ready_.update(job, may_run && (job.has_pending() || job.probe == Job::Probe::wanted));
 }
 
 void Dispatcher::dispatch() {
@@ -105,46 +76,68 @@ void Dispatcher::dispatch() {
 /// What suited nobody may suit those who have changed.
 void Dispatcher::offer_to_changed_workers() {
     for (const PeerId& peer : changed_workers_) {
-        if (blocked_.empty())
-            return;
         const auto worker = workers_.find(peer);
-        if (worker == workers_.end() || !worker->second.load)
-            continue;
-        const auto blocked = blocked_; // a copy: the set changes
-        for (const JobId& id : blocked)
-            if (suits(worker->second, peer, jobs_.at(id)))
-                look_ready(jobs_.at(id));
+        if (worker != workers_.end() && worker->second.load)
+            ready_.unblock_if([&](const ReadyJobs::Group& group) {
+                return suits(worker->second, peer, *group.party);
+            });
     }
 }
 
 void Dispatcher::give_out() {
     while (!free_workers_.empty()) {
-        Job* job = job_for_next_tile();
-        if (!job)
+        const ReadyJobs::Group* group = ready_.first();
+        if (!group)
             return;
-        // any_of stops at the grant, which changes free_workers_.
-        const bool granted = !is_waiting_to_be_dealt_out(*job) &&
-                             std::ranges::any_of(free_workers_, [&](const auto& free) {
-                                 const PeerId peer = free.second;
-                                 return grant(peer, workers_.at(peer), *job);
-                             });
-        if (!granted) {
-            ready_.erase(job->id());
-            blocked_.insert(job->id());
-        }
+        if (!give_one_of(*group))
+            ready_.block(*group);
     }
 }
 
-bool Dispatcher::suits(const WorkerSession& worker, const PeerId& peer, const Job& job) const {
-    const Wishes& wishes = job.submission().wishes;
-    if (wishes.workers_max > 0 && job.workers().size() >= wishes.workers_max &&
-        !job.workers().contains(peer))
+/// A tile of the group to the least loaded worker that may have one.
+bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
+    const Party& party = *group.party;
+    if (!party.is_film() && is_waiting_to_be_dealt_out(jobs_.at(group.places.begin()->job)))
         return false;
-    return has_tags(worker, job);
+    // any_of stops at the grant, which changes free_workers_ and the group.
+    return std::ranges::any_of(free_workers_, [&](const auto& free) {
+        const PeerId peer = free.second;
+        WorkerSession& worker = workers_.at(peer);
+        return suits(worker, peer, party) &&
+               ready_.any_for(group, frames_at_hand(worker, party),
+                              [&](const JobId& job) { return grant(peer, worker, jobs_.at(job)); });
+    });
 }
 
-bool Dispatcher::has_tags(const WorkerSession& worker, const Job& job) {
-    return std::ranges::all_of(job.submission().wishes.tags, [&](const std::string& wanted) {
+/// The frames of the film that the worker is at, the one that it was given last before the others:
+/// it has these scenes, and a frame that is one worker's whole is no trouble to others.
+std::vector<JobId> Dispatcher::frames_at_hand(const WorkerSession& worker, const Party& party) {
+    std::vector<JobId> frames;
+    if (!party.is_film())
+        return frames;
+    const auto last = worker.frames.find(party.wishes().film);
+    if (last == worker.frames.end())
+        return frames; // it has had none
+    frames.push_back(last->second);
+    for (auto at = worker.grants.begin(); at != worker.grants.end();) {
+        const JobId& job = at->first.job;
+        if (job != frames.front())
+            frames.push_back(job); // perhaps of something else: that is not in the group
+        at = worker.grants.upper_bound({job, TileIndex{UINT32_MAX}, AttemptNumber{UINT32_MAX}});
+    }
+    return frames;
+}
+
+bool Dispatcher::suits(const WorkerSession& worker, const PeerId& peer, const Party& party) const {
+    const Wishes& wishes = party.wishes();
+    if (wishes.workers_max > 0 && party.workers().size() >= wishes.workers_max &&
+        !party.workers().contains(peer))
+        return false;
+    return has_tags(worker, wishes);
+}
+
+bool Dispatcher::has_tags(const WorkerSession& worker, const Wishes& wishes) {
+    return std::ranges::all_of(wishes.tags, [&](const std::string& wanted) {
         return std::ranges::any_of(worker.hello.tags,
                                    [&](const std::string& tag) { return fits(wanted, tag); });
     });
@@ -155,7 +148,7 @@ std::size_t Dispatcher::workers_for(const Job& job) const {
     if (job.submission().wishes.tags.empty() || !job.has_failures())
         return workers_with_credit_;
     return static_cast<std::size_t>(std::ranges::count_if(workers_, [&](const auto& entry) {
-        return entry.second.room() > 0 && has_tags(entry.second, job);
+        return entry.second.room() > 0 && has_tags(entry.second, job.submission().wishes);
     }));
 }
 
@@ -171,7 +164,7 @@ bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
     std::vector<Job::Share> shares;
     const std::size_t workers_max = job.submission().wishes.workers_max;
     for (const auto& [peer, worker] : workers_)
-        if (worker.room() > 0 && suits(worker, peer, job) &&
+        if (worker.room() > 0 && suits(worker, peer, job.party()) &&
             (workers_max == 0 || shares.size() < workers_max))
             shares.push_back({worker.hello.worker, schedule == Schedule::weighted
                                                        ? speed_of(worker) * worker.hello.threads
@@ -183,8 +176,6 @@ bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
 }
 
 bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
-    if (!suits(worker, peer, job))
-        return false;
     return grant_probe(peer, worker, job) || grant_tile(peer, worker, job);
 }
 
@@ -192,7 +183,7 @@ bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
 /// there would be too few to tell anything.
 std::optional<std::uint32_t> Dispatcher::probe_side(const Job& job) const {
     if (const auto order = orders_.find(job.id()); order != orders_.end())
-        return order->second.probe_side;
+        return order->second;
     const PictureSettings& s = job.submission().settings;
     const auto pixels = static_cast<double>(s.crop.pixel_count());
     const auto squares_max =
@@ -224,18 +215,25 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
 }
 
 /// So that all threads are through at about the same time, and no time is lost with too many tiles.
+/// Threads that are through with a frame go on with the film's next one: so as long as there are
+/// some, a tile is a part of what is left of the film, and a frame is cut for its worker's threads.
+/// So it is with orders, one after the other.
 double Dispatcher::work_wanted(const WorkerSession& worker, const Job& job) const {
     const double speed = speed_of(worker);
-    const double left = is_order(job) ? work_left_of_orders()
-                                      : std::max(0.0, job.costs().left() - job.work_in_flight());
-    const double share = left * speed / std::max(capacity_, speed);
+    const double left = std::max(0.0, job.costs().left() - job.work_in_flight());
+    const double part = speed / std::max(capacity_, speed); // of what the farm can do
     const double parts = job.costs().is_blank()                    ? parts_of_share_blank
                          : job.costs().share_done() < learnt_share ? parts_of_share_probed
                                                                    : parts_of_share;
+    double wanted = left * part / parts;
+    if (is_order(job))
+        wanted = ready_.group_work_left(job.id()) * part / parts;
+    else if (job.party().is_film())
+        wanted = std::max(wanted, std::min(ready_.group_work_left(job.id()) * part / parts,
+                                           left / worker.hello.threads));
     if (!speed_.is_known())
-        return share / parts;
-    return std::clamp(share / parts, tile_time_min_s() * speed,
-                      seconds(limits_.tile_time_max) * speed);
+        return wanted;
+    return std::clamp(wanted, tile_time_min_s() * speed, seconds(limits_.tile_time_max) * speed);
 }
 
 double Dispatcher::tile_time_min_s() const {
@@ -277,7 +275,7 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
     send(peer, RenderTile{.job = job.id(),
                           .tile = tile,
                           .attempt = attempt,
-                          .frame = 0,
+                          .frame = s.wishes.frame,
                           .pass = job.pass(grant.tile),
                           .rect = probe_side > 0 ? s.settings.crop : job.rect(grant.tile),
                           .scene = s.scene,
@@ -285,6 +283,8 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
                           .settings = s.settings,
                           .probe_side = probe_side});
     worker.grants.emplace(GrantKey{job.id(), tile, attempt}, std::move(grant));
+    if (job.party().is_film())
+        worker.frames[s.wishes.film] = job.id();
     update_load(peer, worker);
     look_ready(job);
 }

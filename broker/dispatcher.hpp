@@ -6,6 +6,7 @@
 #include "broker/events.hpp"
 #include "broker/job.hpp"
 #include "broker/limits.hpp"
+#include "broker/ready_jobs.hpp"
 #include "broker/speed.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
@@ -15,6 +16,7 @@
 #include <cstdint>
 #include <deque>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -96,6 +98,7 @@ private:
         bool drained = false;         ///< on somebody's word
         std::deque<Instant> failures; ///< within the window
         std::optional<Instant> quarantined_until;
+        std::map<FilmId, JobId> frames; ///< of each film the one it was last given something of
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
@@ -128,6 +131,9 @@ private:
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
     [[nodiscard]] std::optional<protocol::Refused>
     objection(const protocol::SubmitJob& submission) const;
+    [[nodiscard]] std::optional<std::string>
+    objection_to_frame(const protocol::SubmitJob& submission) const;
+    [[nodiscard]] std::shared_ptr<Party> party_of(const Job& job);
     [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
     void give_up_scene(Job& job, const std::string& why);
@@ -155,9 +161,12 @@ private:
     void dispatch();
     void offer_to_changed_workers();
     void give_out();
-    [[nodiscard]] Job* job_for_next_tile();
-    [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer, const Job& job) const;
-    [[nodiscard]] static bool has_tags(const WorkerSession& worker, const Job& job);
+    [[nodiscard]] bool give_one_of(const ReadyJobs::Group& group);
+    [[nodiscard]] static std::vector<JobId> frames_at_hand(const WorkerSession& worker,
+                                                           const Party& party);
+    [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer,
+                             const Party& party) const;
+    [[nodiscard]] static bool has_tags(const WorkerSession& worker, const protocol::Wishes& wishes);
     [[nodiscard]] std::size_t workers_for(const Job& job) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
     bool grant(const PeerId& peer, WorkerSession& worker, Job& job);
@@ -169,7 +178,7 @@ private:
     [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
     [[nodiscard]] double tile_time_min_s() const;
     [[nodiscard]] double speed_of(const WorkerSession& worker) const;
-    void look_ready(Job& job);
+    void look_ready(const Job& job);
     void update_load(const PeerId& peer, WorkerSession& worker);
     void change_room(const PeerId& peer, WorkerSession& worker, const auto& deed);
     void set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit);
@@ -251,7 +260,6 @@ private:
     [[nodiscard]] bool is_order(const Job& job) const { return orders_.contains(job.id()); }
     void fill_probe(Job& job, const protocol::TileRendered& answer);
     void end_order(Job& job, protocol::JobPhase phase, protocol::FailureCode fault);
-    [[nodiscard]] double work_left_of_orders() const;
 
     // stream.cpp: who hears of it
     void on(const TopicSubscribed& event);
@@ -284,18 +292,16 @@ private:
     std::vector<PeerId> changed_workers_; ///< have more room, or other work, than a step ago
 
     std::map<JobId, Job> jobs_;
-    std::set<JobId> ready_;   ///< jobs with pending tiles
-    std::set<JobId> blocked_; ///< jobs with pending tiles that suit no worker with room
+    std::map<FilmId, std::weak_ptr<Party>> films_;  ///< whose jobs are here
+    ReadyJobs ready_;                               ///< jobs with pending tiles
     std::set<std::pair<Instant, JobId>> deadlines_; ///< of jobs with a time limit, not over
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
     BlobStore blobs_;
-    struct OpenOrder {
-        std::uint64_t number = 0; ///< in the order in which they came
-        std::uint32_t probe_side = 0;
-    };
-    std::map<JobId, OpenOrder> orders_; ///< each is a job as well
-    std::uint64_t last_order_ = 0;
+    std::map<JobId, std::uint32_t> orders_; ///< each is a job as well; of probes the squares' side
+    std::uint32_t last_order_ = 0;          ///< number
+    /// Together they share the farm with others as one.
+    std::shared_ptr<Party> orders_party_ = std::make_shared<Party>(0, protocol::Wishes{});
 
     std::uint64_t persisted_ = 0;   ///< the last sequence
     std::deque<Unstored> unstored_; ///< in order

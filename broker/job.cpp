@@ -49,8 +49,9 @@ std::uint32_t side_of(const protocol::SubmitJob& s) {
 
 Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
     : priority(submission.priority), submission_(std::move(submission)), number_(number),
-      client_(std::move(client)), grid_(submission_.settings.crop, side_of(submission_)),
-      costs_(grid_), passes_(protocol::pass_count(submission_.settings)),
+      client_(std::move(client)), party_(std::make_shared<Party>(number, submission_.wishes)),
+      grid_(submission_.settings.crop, side_of(submission_)), costs_(grid_),
+      passes_(protocol::pass_count(submission_.settings)),
       done_(static_cast<std::size_t>(grid_.count() * passes_)), first_pass_left_(grid_.count()) {
     plan();
 }
@@ -152,6 +153,7 @@ void Job::unassign(OpenTile& tile) {
     if (!tile.assignment)
         return;
     --in_flight_count_;
+    party_->remove(tile.assignment->peer);
     work_in_flight_ -= tile.work;
     if (const auto worker = workers_.find(tile.assignment->peer); --worker->second == 0)
         workers_.erase(worker);
@@ -287,6 +289,7 @@ std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
     tile.was_assigned = true;
     tile.assignment = Assignment{bidder.peer, bidder.attempt};
     ++in_flight_count_;
+    party_->add(bidder.peer);
     work_in_flight_ += tile.work;
     ++workers_[bidder.peer];
     return Handed{id, tile.tile, tile.work};
@@ -505,6 +508,8 @@ std::vector<Job::Unwanted> Job::drop_unfinished() {
     open_.clear();
     requeued_.clear();
     pending_.clear();
+    for (const auto& [peer, tiles] : workers_)
+        party_->remove(peer, tiles);
     workers_.clear();
     in_flight_count_ = 0;
     work_in_flight_ = 0;
@@ -567,7 +572,9 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {
             .worker_count = static_cast<std::uint32_t>(workers_.size()),
             .rays = rays_,
             .render_time = render_time_,
-            .elapsed = acknowledged_at ? over_at.value_or(now) - *acknowledged_at : Duration{}};
+            .elapsed = acknowledged_at ? over_at.value_or(now) - *acknowledged_at : Duration{},
+            .film = submission_.wishes.film,
+            .frame = submission_.wishes.frame};
 }
 
 } // namespace fraja::broker

@@ -5,6 +5,7 @@
 #include "broker/contents.hpp"
 #include "broker/cost_map.hpp"
 #include "broker/events.hpp"
+#include "broker/party.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
 #include "common/protocol/bitmap.hpp"
@@ -53,6 +54,10 @@ public:
     /// Who submitted it, and is asked for the scene.
     [[nodiscard]] const PeerId& client() const { return client_; }
     void set_client(PeerId client) { client_ = std::move(client); }
+    /// With whose jobs it shares the farm as one; at first it is alone.
+    [[nodiscard]] const Party& party() const { return *party_; }
+    /// Before anything is handed out.
+    void join(std::shared_ptr<Party> party) { party_ = std::move(party); }
 
     // ------------------------------------------------------------------------------------- cells
     [[nodiscard]] const protocol::CellGrid& grid() const { return grid_; }
@@ -252,6 +257,7 @@ private:
     protocol::SubmitJob submission_;
     std::uint32_t number_;
     PeerId client_;
+    std::shared_ptr<Party> party_;
     protocol::CellGrid grid_;
     CostMap costs_;
     std::uint32_t passes_;

@@ -59,6 +59,8 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
         return refused(RefusalCode::invalid, "a job has at most " + std::to_string(tags_max) +
                                                  " tags of 1 to " + std::to_string(name_bytes_max) +
                                                  " bytes");
+    if (const auto why = objection_to_frame(s))
+        return refused(RefusalCode::invalid, *why);
     if (s.wishes.schedule != Schedule::demand) {
         if (s.settings.limited_in_time())
             return refused(RefusalCode::invalid,
@@ -75,6 +77,39 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
         return refused(RefusalCode::limit_exceeded,
                        "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time");
     return std::nullopt;
+}
+
+std::optional<std::string> Dispatcher::objection_to_frame(const SubmitJob& s) const {
+    const Wishes& wishes = s.wishes;
+    if ((wishes.film == FilmId{}) != (wishes.frame == 0))
+        return wishes.frame == 0 ? "a film's frames count from 1"
+                                 : "a picture that is of no film has no number in one";
+    if (wishes.film == FilmId{})
+        return std::nullopt;
+    if (wishes.schedule != Schedule::demand)
+        return "a film's frames are dealt out on demand";
+    if (s.settings.limited_in_time())
+        return "a film's frames have no time limit";
+    const auto found = films_.find(wishes.film);
+    if (found != films_.end()) {
+        Wishes others = found->second.lock()->wishes();
+        others.frame = wishes.frame;
+        if (others != wishes)
+            return "the film's other frames have other wishes";
+    }
+    return std::nullopt;
+}
+
+/// Its film's, or its own.
+std::shared_ptr<Party> Dispatcher::party_of(const Job& job) {
+    const Wishes& wishes = job.submission().wishes;
+    if (wishes.film == FilmId{})
+        return std::make_shared<Party>(job.number(), wishes);
+    std::weak_ptr<Party>& film = films_[wishes.film];
+    std::shared_ptr<Party> party = film.lock();
+    if (!party)
+        film = party = std::make_shared<Party>(job.number(), wishes);
+    return party;
 }
 
 void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
@@ -138,6 +173,7 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
                                    std::to_string(pass_count(submission.settings)) +
                                    " passes there is room for " + std::to_string(fresh.passes()));
     Job& job = jobs_.emplace(submission.job, std::move(fresh)).first->second;
+    job.join(party_of(job));
     job.submitted_at = job.scene_came_on_at = now_;
     job.holds_scene = true;
     job_by_number_[++last_number_] = job.id();
@@ -354,7 +390,13 @@ void Dispatcher::forget(JobId id) {
         persist(ForgetJob{id}, {.job = id});
     bury(id);
     job_by_number_.erase(job.number());
+    const FilmId film = job.submission().wishes.film;
     jobs_.erase(id);
+    if (const auto found = films_.find(film); found != films_.end() && found->second.expired()) {
+        films_.erase(found);
+        for (auto& [peer, worker] : workers_)
+            worker.frames.erase(film);
+    }
 }
 
 } // namespace fraja::broker

@@ -100,6 +100,7 @@ void Dispatcher::on(const Restored& event) {
 void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     const JobId id = stored.submission.job;
     Job& job = jobs_.emplace(id, Job(stored.submission, stored.number, {})).first->second;
+    job.join(party_of(job));
     job.set_passes(stored.passes);
     job_by_number_[stored.number] = id;
     last_number_ = std::max(last_number_, stored.number);

@@ -35,7 +35,7 @@ void Dispatcher::on(const Ordered& event) {
     submission.settings.crop = order.rect;
     if (order.settings.limited_in_time())
         submission.tile_side = pass_tile_side;
-    Job& job = jobs_.emplace(order.id, Job(std::move(submission), 0, {})).first->second;
+    Job& job = jobs_.emplace(order.id, Job(std::move(submission), ++last_order_, {})).first->second;
     if (order.settings.limited_in_time())
         job.set_only_pass(order.pass);
     if (order.probe_side > 0) {
@@ -46,7 +46,8 @@ void Dispatcher::on(const Ordered& event) {
     job.phase = JobPhase::running;
     job.submitted_at = now_;
     job.acknowledged_at = now_;
-    orders_[order.id] = {++last_order_, order.probe_side};
+    job.join(orders_party_);
+    orders_[order.id] = order.probe_side;
     look_ready(job);
 }
 
@@ -74,15 +75,6 @@ void Dispatcher::end_order(Job& job, JobPhase phase, FailureCode fault) {
     blobs_.release(job.submission().scene);
     orders_.erase(job.id());
     jobs_.erase(JobId(job.id()));
-}
-
-double Dispatcher::work_left_of_orders() const {
-    double left = 0;
-    for (const auto& [id, order] : orders_) {
-        const Job& job = jobs_.at(id);
-        left += std::max(0.0, job.costs().left() - job.work_in_flight());
-    }
-    return left;
 }
 
 std::uint64_t Dispatcher::thread_count() const {

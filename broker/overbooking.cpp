@@ -97,7 +97,7 @@ Dispatcher::Help Dispatcher::help_for(const Late& late, const Job& job,
     const bool can_cut = job.can_cut(job.tile(late.id));
     Help help;
     for (const Idle& one : idle) {
-        if (!suits(*one.worker, one.peer, job) || (!can_cut && one.peer == late.peer))
+        if (!suits(*one.worker, one.peer, job.party()) || (!can_cut && one.peer == late.peer))
             continue;
         help.speed = std::max(help.speed, one.speed);
         help.threads += one.threads;

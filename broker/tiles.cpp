@@ -132,7 +132,7 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
     const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), now_ - grant.granted_at);
     auto result = std::make_shared<TileDone>(TileDone{.job = job.id(),
                                                       .tile = answer.tile,
-                                                      .frame = 0,
+                                                      .frame = job.submission().wishes.frame,
                                                       .pass = job.pass(grant.tile),
                                                       .rect = job.rect(grant.tile),
                                                       .worker_name = worker.hello.worker_name,

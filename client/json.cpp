@@ -50,6 +50,10 @@ Json job_object(const protocol::JobState& s) {
                  {"state", to_string(s.phase)}};
     if (!s.reason.empty())
         json["reason"] = s.reason;
+    if (s.film != FilmId{}) {
+        json["film"] = fraja::to_string(s.film);
+        json["frame"] = s.frame;
+    }
     json["scene"] = fraja::to_string(s.scene);
     json["settings"] = settings_object(s.settings);
     json["priority"] = s.priority;

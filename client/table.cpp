@@ -120,6 +120,8 @@ std::string job_page(const protocol::JobState& s) {
     std::string text =
         fmt::format("job       #{} {}\nid        {}\nstate     {}\n", s.number,
                     printable(s.job_name), fraja::to_string(s.job), to_string(s.phase));
+    if (s.film != FilmId{})
+        text += fmt::format("film      {}, frame {}\n", fraja::to_string(s.film), s.frame);
     if (!s.reason.empty())
         text += fmt::format("reason    {}\n", printable(s.reason));
     const auto& p = s.settings;
