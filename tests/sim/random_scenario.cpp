@@ -123,6 +123,22 @@ JobPlan random_job(Rng& rng, std::size_t index) {
     return job;
 }
 
+/// Frames of one film, all as the last job there is.
+void add_film(Rng& rng, Scenario& s) {
+    JobPlan frame = s.jobs.back();
+    frame.settings.time_limit = {};
+    frame.wishes.schedule = protocol::Schedule::demand;
+    frame.wishes.film.bytes[0] = 1;
+    const std::size_t frames = 2 + rng.below(8);
+    for (std::size_t i = 0; i < frames; ++i) {
+        frame.at += between(rng, 0s, 2s);
+        frame.settings.depth = 1 + static_cast<std::uint32_t>(s.jobs.size());
+        frame.wishes.frame = static_cast<std::uint32_t>(frames - i); // the last comes first
+        frame.work = random_work(rng, frame.settings.size, std::pow(10, rng.between(0, 3)));
+        s.jobs.push_back(frame);
+    }
+}
+
 } // namespace
 
 Scenario random_scenario(std::uint64_t seed) {
@@ -139,6 +155,8 @@ Scenario random_scenario(std::uint64_t seed) {
     const std::size_t jobs = 1 + rng.below(4);
     for (std::size_t i = 0; i < jobs; ++i)
         s.jobs.push_back(random_job(rng, i));
+    if (rng.below(3) == 0)
+        add_film(rng, s);
     s.ends_at = s.faults.heals_at + 30min;
     return s;
 }
