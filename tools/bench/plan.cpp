@@ -1,5 +1,6 @@
-// plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] [--csv FILE]
-// SCENE.raj...
+// plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] [--frames N]
+// [--film]
+// [--csv FILE] SCENE.raj...
 //
 // How well a farm would use its workers, from one to ten thousand: the real broker, workers and
 // client in pretend time (tests/sim), with what a scene's parts really cost, counted once. Prints
@@ -30,6 +31,8 @@ constexpr double report_rays_per_s = 8791.5; // the server of 2002's report: con
 struct Options {
     RenderSettings settings{.size = {640, 480}};
     bool quick = false;
+    std::uint32_t frames = 24; ///< of the film
+    bool film_alone = false;   ///< no other table
     std::vector<std::uint32_t> workers{1, 8, 32, 48, 128, 1'000, 10'000};
     double rays_per_s = report_rays_per_s;
     Duration delay = 100us;
@@ -63,6 +66,10 @@ Options parse(int argc, char** argv) {
             o.rays_per_s = count_of(argv[++i]);
         else if (word == "--delay-us")
             o.delay = std::chrono::microseconds(count_of(argv[++i]));
+        else if (word == "--frames" && i + 1 < argc)
+            o.frames = count_of(argv[++i]);
+        else if (word == "--film")
+            o.film_alone = true;
         else if (word == "--csv" && i + 1 < argc)
             o.csv = argv[++i];
         else if (word.starts_with("-"))
@@ -72,9 +79,9 @@ Options parse(int argc, char** argv) {
     }
     if (o.scenes.empty())
         fail("plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] "
-             "[--csv FILE] SCENE.raj...");
+             "[--frames N] [--film] [--csv FILE] SCENE.raj...");
     if (o.quick)
-        o.workers = {1, 8};
+        o.workers = {1, 8}, o.frames = 3;
     return o;
 }
 
@@ -129,7 +136,9 @@ struct Use {
     std::uint64_t tiles = 0;
 };
 
-Use simulate(const sim::WorkMap& work, const Options& o, const Farm& farm) {
+/// Of a picture; or of a film of so many frames, all submitted at once.
+Use simulate(const sim::WorkMap& work, const Options& o, const Farm& farm,
+             std::uint32_t frames = 0) {
     sim::Scenario s;
     s.seed = 1;
     s.faults.delay_min = s.faults.delay_max = o.delay;
@@ -148,13 +157,20 @@ Use simulate(const sim::WorkMap& work, const Options& o, const Farm& farm) {
     job.tile_side = farm.tile_side;
     job.wishes.schedule = farm.schedule;
     job.work = work;
-    s.jobs.push_back(job);
+    if (frames == 0)
+        s.jobs.push_back(job);
+    job.wishes.film.bytes[0] = 1;
+    for (job.wishes.frame = 1; job.wishes.frame <= frames; ++job.wishes.frame)
+        s.jobs.push_back(job);
     s.ends_at = 24h * 365;
 
     const sim::Report report = sim::run(s);
     for (const std::string& violation : report.violations)
         fail(violation);
-    const Duration begin = report.jobs[0].submitted_at, end = report.jobs[0].done_at;
+    const Duration begin = report.jobs[0].submitted_at;
+    Duration end = begin;
+    for (const sim::JobReport& one : report.jobs)
+        end = std::max(end, one.done_at);
     Use use{.elapsed_s = seconds(end - begin)};
     const double all_s = use.elapsed_s * static_cast<double>(farm.speeds.size());
     double busy_s = 0, here_s = 0;
@@ -167,7 +183,7 @@ Use simulate(const sim::WorkMap& work, const Options& o, const Farm& farm) {
         here_s += seconds(last - first);
         use.tiles += worker.tiles;
     }
-    use.useful = work.rays() / speed / use.elapsed_s;
+    use.useful = static_cast<double>(s.jobs.size()) * work.rays() / speed / use.elapsed_s;
     use.start /= all_s, use.tail /= all_s;
     use.probe = seconds(report.probe) / all_s;
     use.between = (here_s - busy_s) / all_s;
@@ -232,12 +248,29 @@ std::vector<double> mixed(std::size_t count, double rays_per_s) {
     return speeds;
 }
 
+void plan_film(const Options& o, const std::string& scene, const sim::WorkMap& work,
+               Tables& tables) {
+    tables.begin("A film of " + std::to_string(o.frames) + " frames as this one", "film");
+    for (const std::uint32_t n : o.workers) {
+        const Farm farm{equal(n, o.rays_per_s)};
+        Use use = simulate(work, o, farm);
+        use.elapsed_s *= o.frames; // the next is submitted when the last one is done
+        use.tiles *= o.frames;
+        tables.row(scene, o.settings.size, n, "one after the other", use);
+        tables.row(scene, o.settings.size, n, "frames to machines",
+                   simulate(work, o, farm, o.frames));
+    }
+}
+
 void plan(const Options& o, const std::string& path, Tables& tables) {
     const sim::WorkMap work = count_rays(path, o.settings);
     const std::string scene = path.substr(path.find_last_of('/') + 1);
     std::printf("\n## %s, %ux%u: %.0f rays, %.1f rays/s a worker, messages take %.0f us\n",
                 scene.c_str(), o.settings.size.width, o.settings.size.height, work.rays(),
                 o.rays_per_s, 1e6 * seconds(o.delay));
+    plan_film(o, scene, work, tables);
+    if (o.film_alone)
+        return;
     const auto row = [&](std::size_t count, const std::string& name, const Farm& farm) {
         tables.row(scene, o.settings.size, count, name, simulate(work, o, farm));
     };
