@@ -91,9 +91,12 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
 
 /// Does something that changes how many tiles a worker may have.
 void Dispatcher::change_room(const PeerId& peer, WorkerSession& worker, const auto& deed) {
+    const auto threads = [&] { return worker.room() > 0 ? worker.hello.threads : 0; };
     workers_with_credit_ -= worker.room() > 0;
+    threads_with_credit_ -= threads();
     deed();
     workers_with_credit_ += worker.room() > 0;
+    threads_with_credit_ += threads();
     count_capacity(worker);
     update_load(peer, worker);
 }

@@ -61,7 +61,7 @@ public:
     [[nodiscard]] std::size_t client_count() const { return clients_.size(); }
     [[nodiscard]] std::size_t job_count() const { return jobs_.size(); }
     /// Of workers that have room for tiles, if not at the moment.
-    [[nodiscard]] std::uint64_t thread_count() const;
+    [[nodiscard]] std::uint64_t thread_count() const { return threads_with_credit_; }
     [[nodiscard]] std::vector<OrderProgress> order_progress() const;
     /// What a person wants to know, one line each: for USR1.
     [[nodiscard]] std::vector<std::string> describe(Instant now) const;
@@ -286,6 +286,7 @@ private:
     std::set<std::pair<std::uint64_t, PeerId>>
         free_workers_;                    ///< with credit left, the least loaded first
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0
+    std::uint64_t threads_with_credit_ = 0;
     double capacity_ = 0;                 ///< of these: work in a second
     Speed speed_;                         ///< of a thread, of all that was ever here
     std::uint32_t attempts_ = 0;          ///< RenderTiles ever sent

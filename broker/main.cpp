@@ -5,6 +5,8 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/net/endpoint.hpp"
+#include "worker/options.hpp"
 
 #include <CLI/CLI.hpp>
 #include <csignal>
@@ -25,6 +27,8 @@ constexpr const char* examples = R"(Examples:
   fraja-broker --bind tcp://127.0.0.1:0          on a port the system chooses; it is printed
   fraja-broker --bind 'tcp://*:50057' --publish 'tcp://*:50058' --insecure
                                                  for a network you trust
+  fraja-broker --bind tcp://127.0.0.1:50067 --publish tcp://127.0.0.1:50068 --upstream tcp://root:50057
+                                                 with its workers, one of the workers of root
 
 Deals out the tiles of submitted pictures to workers and publishes them as they finish.
 )";
@@ -63,6 +67,25 @@ Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
     limits.quarantine_failures = static_cast<std::uint32_t>(*count);
     limits.quarantine_window = *window;
     return {};
+}
+
+/// The endpoint as sockets take it.
+Result<void> complete_upstream(broker::UpstreamOptions& upstream) {
+    if (upstream.broker.empty())
+        return {};
+    const auto endpoint = net::parse_endpoint(upstream.broker, 50057);
+    if (!endpoint)
+        return Error{endpoint.error().code, "--upstream: " + endpoint.error().message};
+    if (endpoint->transport == net::Endpoint::Transport::tcp && endpoint->port == 0)
+        return Error{ErrorCode::invalid_argument,
+                     "--upstream " + upstream.broker + ": port 0 is for brokers to listen at"};
+    upstream.broker = net::to_string(*endpoint);
+    upstream.name = worker::default_worker_name();
+    worker::WorkerOptions as_worker;
+    as_worker.brokers = {upstream.broker};
+    as_worker.name = upstream.name;
+    as_worker.tags = upstream.tags;
+    return worker::validate(as_worker);
 }
 
 /// What is in the store, for people.
@@ -134,6 +157,13 @@ void add_options(CLI::App& app, Arguments& arguments) {
                    "A worker that failed so many tiles within the time gets none for as long")
         ->capture_default_str()
         ->type_name("N/TIME");
+    app.add_option("--upstream", options.upstream.broker,
+                   "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
+                   "sends is split among the workers here");
+    app.add_option("--upstream-tag", options.upstream.tags,
+                   "K or K=V, which it is told; repeatable")
+        ->allow_extra_args(false)
+        ->needs("--upstream");
     app.add_option("--keep", arguments.keep, "How long jobs that are over are kept")
         ->capture_default_str();
     app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
@@ -172,6 +202,8 @@ int main(int argc, char** argv) {
     options.limits.keep = *keep;
     options.limits.heartbeat = *heartbeat;
     options.limits.lease = *lease;
+    if (const auto read = complete_upstream(options.upstream); !read)
+        return usage_error(read.error().message);
     if (arguments.state.empty())
         arguments.state = default_state();
     if (arguments.check)

@@ -77,14 +77,6 @@ void Dispatcher::end_order(Job& job, JobPhase phase, FailureCode fault) {
     jobs_.erase(JobId(job.id()));
 }
 
-std::uint64_t Dispatcher::thread_count() const {
-    std::uint64_t threads = 0;
-    for (const auto& [peer, worker] : workers_)
-        if (worker.room() > 0)
-            threads += worker.hello.threads;
-    return threads;
-}
-
 std::vector<OrderProgress> Dispatcher::order_progress() const {
     std::vector<OrderProgress> progress;
     for (const auto& [id, order] : orders_)

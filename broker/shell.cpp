@@ -8,10 +8,12 @@
 #include "common/net/endpoint.hpp"
 #include "common/protocol/codec.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -70,13 +72,18 @@ Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
 class Shell {
 public:
     /// `kept`: null where nothing is kept. `waker` is woken when there is news of it.
-    Shell(net::RouterSocket router, net::PublisherSocket publisher, std::unique_ptr<Kept> kept,
-          const net::Waker& waker, const Options& options)
+    Shell(const net::Context& context, net::RouterSocket router, net::PublisherSocket publisher,
+          std::unique_ptr<Kept> kept, const net::Waker& waker, const Options& options)
         : router_(std::move(router)), publisher_(std::move(publisher)), kept_(std::move(kept)),
           waker_(waker), options_(options),
           dispatcher_({random_id<BrokerId>(), kept_ ? kept_->epoch : new_epoch(),
                        publisher_.endpoint(), kept_ != nullptr},
-                      options.limits) {}
+                      options.limits) {
+        if (!options.upstream.broker.empty())
+            upstream_.emplace(
+                context, options.upstream, [this] { return dispatcher_.order_progress(); },
+                options.on_log);
+    }
 
     /// Whether all is kept that should be.
     bool run(const Control& control) {
@@ -88,7 +95,13 @@ public:
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
-            net::wait(waitables, dispatcher_.next_deadline() - net::now());
+            Instant deadline = dispatcher_.next_deadline();
+            if (upstream_) {
+                deadline = std::min(deadline, upstream_->next_deadline());
+                if (const net::Socket* socket = upstream_->socket())
+                    waitables.emplace_back(*socket);
+            }
+            net::wait(waitables, deadline - net::now());
             control.waker().drain();
             take_signals();
             take_news();
@@ -96,8 +109,11 @@ public:
             }
             for (int i = 0; i < messages_per_turn_max && take_message(); ++i) {
             }
+            serve_upstream();
             step(Tick{});
         }
+        if (upstream_)
+            upstream_->leave();
         return !kept_ || kept_->writer.stop();
     }
 
@@ -114,6 +130,15 @@ private:
             else
                 step(StoreWorks{});
         }
+    }
+
+    void serve_upstream() {
+        if (!upstream_)
+            return;
+        for (auto events = upstream_->serve(net::now(), dispatcher_.thread_count());
+             !events.empty(); events = upstream_->serve(net::now(), dispatcher_.thread_count()))
+            for (Event& event : events)
+                step(std::move(event));
     }
 
     void take_signals() {
@@ -180,6 +205,10 @@ private:
                 log(LogLevel::error, scene.error().message);
             events.push_back(
                 SceneLoaded{load->job, load->peer, scene ? std::move(*scene) : std::nullopt});
+        } else if (const auto* filled = std::get_if<OrderFilled>(&action)) {
+            upstream_->take(*filled);
+        } else if (const auto* failed = std::get_if<OrderFailed>(&action)) {
+            upstream_->take(*failed);
         } else if (const auto* line = std::get_if<Log>(&action)) {
             log(line->level, line->text);
         }
@@ -208,6 +237,7 @@ private:
     const net::Waker& waker_;
     const Options& options_;
     Dispatcher dispatcher_;
+    std::optional<Upstream> upstream_;
     std::vector<Action> actions_;
     bool stopped_by_signal_ = false;
 };
@@ -241,7 +271,8 @@ Result<void> run_broker(const net::Context& context, const Options& options,
         return publisher.error();
     if (options.on_listening)
         options.on_listening(router->endpoint(), publisher->endpoint());
-    Shell shell(std::move(*router), std::move(*publisher), std::move(kept), waker, options);
+    Shell shell(context, std::move(*router), std::move(*publisher), std::move(kept), waker,
+                options);
     if (!shell.run(control))
         return Error{ErrorCode::io,
                      options.state.string() + ": not all could be written in the end"};

@@ -4,6 +4,7 @@
 
 #include "broker/events.hpp"
 #include "broker/limits.hpp"
+#include "broker/upstream.hpp"
 #include "common/base/result.hpp"
 #include "common/net/signals.hpp"
 #include "common/net/sockets.hpp"
@@ -40,6 +41,7 @@ struct Options {
     std::vector<std::string> call; ///< workers that listen (fraja-worker --listen), as endpoints
     Limits limits;
     std::filesystem::path state; ///< where jobs are kept; empty: in memory alone
+    UpstreamOptions upstream;    ///< whom this broker serves as a worker
 
     /// Called once, when both sockets are bound, with their real endpoints.
     std::function<void(const std::string& bound, const std::string& stream)> on_listening;
