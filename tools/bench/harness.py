@@ -77,6 +77,16 @@ class Farm:
         self.processes.append(subprocess.Popen([self.programs + '/fraja-worker', '-b', self.broker, '--name', 'emulated', *options],
                                                stdout=self.log, stderr=self.log))
         self.await_workers(count)
+    def listen(self, groups, count):
+        """The same, but the workers wait to be called; their endpoints."""
+        options = [word for group in groups for word in ('--emulate', group)]
+        worker = subprocess.Popen([self.programs + '/fraja-worker', '--listen', 'tcp://127.0.0.1:0', '--name', 'listening', *options],
+                                  stdout=subprocess.PIPE, stderr=self.log, text=True)
+        self.processes.append(worker)
+        lines = [worker.stdout.readline().split() for _ in range(count)] # listening ENDPOINT
+        if not all(len(words) == 2 for words in lines):
+            sys.exit('the workers that listen did not come up')
+        return [words[1] for words in lines]
     def __enter__(self):
         return self
     def __exit__(self, *_):
