@@ -49,8 +49,9 @@ public:
             return std::nullopt;
         return Outcome{ExitCode::unreachable,
                        "no worker takes tiles at " + joined(options_.direct) +
-                           ": none listens there, or all serve somebody else (--connect-timeout "
-                           "says how long to wait for the first)"};
+                           ": none listens there, or all serve somebody else" +
+                           (options_.wishes.tags.empty() ? "" : ", or none has the tags") +
+                           " (--connect-timeout says how long to wait for the first)"};
     }
     void finish(Instant now) { progress_.finish(now); }
 

@@ -134,9 +134,8 @@ void add_job_options(CLI::App& app, Arguments& a) {
     };
     app.add_option_function<std::vector<std::string>>(
            "--direct", direct,
-           "Call these workers (fraja-worker --listen) and deal the tiles out from here: no "
-           "broker, "
-           "and nobody else is served meanwhile; a comma list, or repeatable")
+           "Call these workers (fraja-worker --listen) and deal the tiles out from here, without a "
+           "broker; waits --connect-timeout for the first; a comma list, or repeatable")
         ->delimiter(',')
         ->allow_extra_args(false)
         ->type_name("HOST:PORT")
