@@ -215,7 +215,8 @@ TEST_CASE("a callee notices by the next call that its caller is gone") {
     CalleeSocket callee = callee_on(context);
     std::uint64_t turn = 0;
     for (int i = 0; i < 5; ++i) {
-        Caller caller(context, callee.endpoint());
+        const Context process; // its end closes the connection, before the next one's is made
+        Caller caller(process, callee.endpoint());
         turn = await_turn(callee, turn, caller);
         CHECK(turn == static_cast<std::uint64_t>(i) + 1);
         CHECK(callee.send(packet("hello")) == SendStatus::sent);
