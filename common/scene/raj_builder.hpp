@@ -49,6 +49,8 @@ public:
                                           const std::array<Value, 3>& numbers, Value& built);
     [[nodiscard]] bool build_from_fields(const ObjectHead& head, FieldValues& fields, Value& built);
 
+    /// The camera that `value` (of Kind::camera) stands for.
+    [[nodiscard]] const Camera& camera(const Value& value) const { return cameras_[value.index]; }
     /// The scene that `value` (of Kind::scene) stands for. The last call: the tables go
     /// with it.
     [[nodiscard]] Scene take_scene(const Value& value);

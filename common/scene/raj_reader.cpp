@@ -29,6 +29,7 @@ public:
           builder_(limits, diagnostics), labels_(limits, diagnostics) {}
 
     bool parse_file(Scene& scene);
+    bool parse_cameras(std::vector<Camera>& cameras);
 
 private:
     bool parse_value(FieldValue& field);
@@ -65,6 +66,26 @@ bool Parser::parse_file(Scene& scene) {
                                    "the file must hold a raja.renderer.Scene, not " +
                                        std::string(name_of(file.value.kind)));
     scene = builder_.take_scene(file.value);
+    return true;
+}
+
+bool Parser::parse_cameras(std::vector<Camera>& cameras) {
+    constexpr std::string_view cure = "a travel is a list of cameras: [ camera, camera, ... ]";
+    advance();
+    FieldValue file;
+    if (!parse_value(file))
+        return false;
+    if (file.value.kind != Kind::list)
+        return diagnostics_.refuse(file.value.place, std::string(cure) + ", not " +
+                                                         std::string(name_of(file.value.kind)));
+    if (file.items.empty())
+        return diagnostics_.refuse(file.value.place, std::string(cure) + "; there is none in it");
+    for (const Value& item : file.items) {
+        if (item.kind != Kind::camera)
+            return diagnostics_.refuse(item.place, std::string(cure) + ", and here is " +
+                                                       std::string(name_of(item.kind)));
+        cameras.push_back(builder_.camera(item));
+    }
     return true;
 }
 
@@ -306,10 +327,9 @@ Result<std::string> read_text(const std::filesystem::path& path, const RajLimits
     return text;
 }
 
-} // namespace
-
-Result<Scene> read_raj(std::string_view text, std::string_view file_name, const RajLimits& limits,
-                       std::vector<std::string>* warnings) {
+template <class T>
+Result<T> read_by(std::string_view text, std::string_view file_name, const RajLimits& limits,
+                  std::vector<std::string>* warnings, bool (raj::Parser::*parse)(T&)) {
     for (const std::uint64_t limit :
          {limits.bytes, limits.token_bytes, limits.list_items, limits.labels, limits.solids,
           limits.nesting, limits.expanded_parts})
@@ -317,13 +337,21 @@ Result<Scene> read_raj(std::string_view text, std::string_view file_name, const 
     if (text.size() > limits.bytes)
         return too_large(file_name, limits);
     raj::Diagnostics diagnostics(text, file_name);
-    Scene scene;
-    const bool read = raj::Parser(text, limits, diagnostics).parse_file(scene);
+    T read;
+    raj::Parser parser(text, limits, diagnostics);
+    const bool good = (parser.*parse)(read);
     if (warnings)
         std::ranges::move(diagnostics.take_warnings(), std::back_inserter(*warnings));
-    if (!read)
+    if (!good)
         return *diagnostics.error();
-    return scene;
+    return read;
+}
+
+} // namespace
+
+Result<Scene> read_raj(std::string_view text, std::string_view file_name, const RajLimits& limits,
+                       std::vector<std::string>* warnings) {
+    return read_by<Scene>(text, file_name, limits, warnings, &raj::Parser::parse_file);
 }
 
 Result<Scene> read_raj_file(const std::filesystem::path& path, const RajLimits& limits,
@@ -332,6 +360,20 @@ Result<Scene> read_raj_file(const std::filesystem::path& path, const RajLimits& 
     if (!text)
         return text.error();
     return read_raj(*text, path.string(), limits, warnings);
+}
+
+Result<std::vector<Camera>> read_raj_cameras(std::string_view text, std::string_view file_name,
+                                             const RajLimits& limits) {
+    return read_by<std::vector<Camera>>(text, file_name, limits, nullptr,
+                                        &raj::Parser::parse_cameras);
+}
+
+Result<std::vector<Camera>> read_raj_cameras_file(const std::filesystem::path& path,
+                                                  const RajLimits& limits) {
+    const Result<std::string> text = read_text(path, limits);
+    if (!text)
+        return text.error();
+    return read_raj_cameras(*text, path.string(), limits);
 }
 
 } // namespace fraja

@@ -29,4 +29,12 @@ namespace fraja {
                                           const RajLimits& limits = {},
                                           std::vector<std::string>* warnings = nullptr);
 
+/// The cameras of a travel, in the order of its frames: the file is a list of them, and of nothing
+/// else, at least one. What follows its closing bracket is not read. Errors and limits as
+/// read_raj_file()'s.
+[[nodiscard]] Result<std::vector<Camera>>
+read_raj_cameras(std::string_view text, std::string_view file_name, const RajLimits& limits = {});
+[[nodiscard]] Result<std::vector<Camera>> read_raj_cameras_file(const std::filesystem::path& path,
+                                                                const RajLimits& limits = {});
+
 } // namespace fraja
