@@ -165,6 +165,38 @@ std::string submit_json(const SubmissionReport& r) {
     return dumped(json);
 }
 
+std::string film_json(const FilmReport& r) {
+    Json json = {{"schema", "fraja.film/1"}, {"exit_code", static_cast<int>(r.outcome.code)}};
+    if (!r.outcome.reason.empty())
+        json["reason"] = r.outcome.reason;
+    json["film"] = fraja::to_string(r.film);
+    json["name"] = r.job_name;
+    json["scene_file"] = r.scene_file;
+    json["travel_file"] = r.travel_file;
+    json["settings"] = settings_object(r.settings);
+    Json frames = Json::array();
+    for (const FilmReport::Frame& frame : r.frames) {
+        Json one = {{"frame", frame.number}, {"state", frame.state}};
+        if (!frame.reason.empty())
+            one["reason"] = frame.reason;
+        if (!frame.output.empty())
+            one["output"] = frame.output;
+        if (frame.job.job != JobId{}) {
+            one["job"] = fraja::to_string(frame.job.job);
+            one["number"] = frame.job.number;
+            one["scene"] = fraja::to_string(frame.job.scene);
+            one["elapsed_s"] = seconds(frame.job.elapsed);
+            one["render_s"] = seconds(frame.job.render_time);
+        }
+        frames.push_back(std::move(one));
+    }
+    json["frames"] = std::move(frames);
+    json["wall_s"] = std::chrono::duration<double>(r.finished - r.started).count();
+    json["started"] = rfc3339(r.started);
+    json["finished"] = rfc3339(r.finished);
+    return dumped(json);
+}
+
 std::string_view to_string(protocol::JobPhase phase) {
     switch (phase) {
     case protocol::JobPhase::waiting_for_scene:

@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace fraja::client {
 
@@ -39,6 +40,24 @@ struct SubmissionReport {
 };
 /// fraja.submit/1
 [[nodiscard]] std::string submit_json(const SubmissionReport& report);
+
+/// What is known of a film when it is over, or left.
+struct FilmReport {
+    struct Frame {
+        std::uint32_t number = 0;
+        std::string state = "not_submitted"; ///< a phase, or "skipped"
+        std::string reason, output;          ///< empty: none; none was written
+        protocol::JobState job;              ///< zero where none was acknowledged
+    };
+    Outcome outcome;
+    FilmId film;
+    std::string job_name, scene_file, travel_file;
+    protocol::PictureSettings settings;
+    std::vector<Frame> frames;
+    std::chrono::system_clock::time_point started, finished;
+};
+/// fraja.film/1
+[[nodiscard]] std::string film_json(const FilmReport& report);
 
 [[nodiscard]] std::string_view to_string(protocol::JobPhase phase);
 /// "2025-11-22T21:41:16.123Z"

@@ -6,6 +6,7 @@
 #include "client/progress_report.hpp"
 #include "client/scene_file.hpp"
 #include "client/shell.hpp"
+#include "client/submit_film.hpp"
 #include "client/table.hpp"
 #include "common/base/text.hpp"
 #include "common/image/quantise.hpp"
@@ -343,6 +344,8 @@ private:
 } // namespace
 
 int run_submit(const SubmitOptions& options, const net::SignalWatch* signals) {
+    if (!options.travel_file.empty())
+        return run_submit_film(options, signals);
     return SubmitProgram(options, signals).run();
 }
 

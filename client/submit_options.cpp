@@ -20,6 +20,7 @@ constexpr const char* examples = R"(Examples:
   fraja-submit scenes/cone.raj --error 1               right to about one level of 255
   fraja-submit scenes/cone.raj --time-limit 30s        the best picture in half a minute
   fraja-submit --direct host1:7001,host2:7001 a.raj    on workers that listen, without a broker
+  fraja-submit scenes/cone.raj --travel scenes/travels/cone.raj -o cone%04d.png    a film
   job=$(fraja-submit --detach scenes/cone.raj)         submit and leave; then: fraja-watch $job
 
 Submits a scene, follows it, and writes the picture. Exit: 0 done, 1 the job failed, 2 usage or
@@ -38,7 +39,7 @@ struct Arguments {
     SharedArguments shared;
     SubmitOptions options;
     std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
-                            filter = "box", time_limit, timeout;
+                            filter = "box", time_limit, timeout, frames;
     CLI::Option *max_samples = nullptr, *broker = nullptr;
     std::vector<std::string> direct;
     bool overwrite = false;
@@ -49,6 +50,13 @@ void add_picture_options(CLI::App& app, Arguments& a) {
                    "Picture file: .png .tif .jpg .bmp .ppm .tga, or .exr (linear, with metadata)")
         ->default_str("scene name + .png")
         ->type_name("FILE");
+    app.add_option(
+           "--travel", a.options.travel_file,
+           "A film: a .raj list of cameras, a frame each; number the files: -o cone%04d.png")
+        ->type_name("FILE");
+    app.add_option("--frames", a.frames, "Of a film these frames, counted from 1; every S-th")
+        ->default_str("all")
+        ->type_name("A-B[xS]");
     app.add_option("-r,--size", a.size, "Resolution")->default_str("256x192")->type_name("WxH");
     app.add_option("--crop", a.crop, "Only this rectangle")->type_name("X,Y,W,H");
     app.add_option("-d,--depth", a.options.settings.depth, "Recursion depth")
@@ -315,12 +323,41 @@ Result<void> read_names(Arguments& a) {
     if (o.job_name.empty())
         o.job_name = stem_of(o.scene_file).substr(0, protocol::name_bytes_max);
     o.job_name = printable(o.job_name);
+    if (!o.travel_file.empty())
+        return {}; // read_film() looks at it
     if (o.output.find('%') != std::string::npos)
-        return invalid_option(
-            "--output " + o.output +
-            ": % is for the numbers of frames; this release draws single pictures");
+        return invalid_option("--output " + o.output +
+                              ": % is for the numbers of a film's frames: give --travel FILE");
     if (o.output.empty() && !o.detach)
         o.output = stem_of(o.scene_file) + ".png";
+    return {};
+}
+
+Result<void> read_film(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (o.travel_file.empty())
+        return a.frames.empty()
+                   ? Result<void>()
+                   : invalid_option(
+                         "--frames are those of a film: give its cameras, --travel FILE");
+    if (!a.frames.empty()) {
+        o.frames = parse_frames(a.frames);
+        if (!o.frames)
+            return invalid_option("--frames " + a.frames +
+                                  ": written as A-B or A-BxS, with 1 <= A <= B and S >= 1");
+    }
+    if (o.output.empty())
+        return invalid_option("--travel draws many pictures: number their files, as in -o " +
+                              stem_of(o.scene_file) + "%04d.png");
+    if (const auto good = check_frame_pattern(o.output); !good)
+        return invalid_option("--output " + o.output + ": " + good.error().message);
+    if (o.settings.limited_in_time())
+        return invalid_option("--time-limit is for a single picture: not with --travel");
+    if (o.wishes.schedule != protocol::Schedule::demand)
+        return invalid_option("--schedule " + a.schedule +
+                              ": a film's frames are dealt out on demand");
+    if (o.stats)
+        return invalid_option("--stats is for a single picture: a film has --json");
     return {};
 }
 
@@ -338,7 +375,7 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.broker = app.get_option("--broker");
     if (auto early = parse(app, std::move(arguments)))
         return *early;
-    for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names})
+    for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
         if (const auto good = read(a); !good)
             return usage_error(program, good.error().message);
     auto shared = a.shared.read();

@@ -1,6 +1,7 @@
 // fraja-submit's command line.
 #pragma once
 
+#include "client/frames.hpp"
 #include "client/options.hpp"
 #include "common/protocol/messages.hpp"
 
@@ -16,6 +17,8 @@ struct SubmitOptions {
     std::string scene_file;
     std::string output;
     std::string job_name;
+    std::string travel_file; ///< of a film: its cameras; then `output` is a pattern for its frames
+    std::optional<FrameRange> frames; ///< of these; none: all
     protocol::PictureSettings settings;
     std::uint32_t tile_side = 0; ///< 0: the broker chooses
     protocol::TileOrder order = protocol::TileOrder::automatic;

@@ -1,0 +1,28 @@
+// The numbers of a film's frames: which of them are wanted, and the names of their files.
+#pragma once
+
+#include "common/base/result.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace fraja::client {
+
+/// Every `step`-th from `first` to `last`, counted from 1.
+struct FrameRange {
+    std::uint32_t first = 1, last = 1, step = 1;
+    friend bool operator==(const FrameRange&, const FrameRange&) = default;
+};
+
+/// Reads A, A-B or A-BxS, with 1 <= A <= B and S >= 1; nothing else.
+[[nodiscard]] std::optional<FrameRange> parse_frames(std::string_view text);
+
+/// Whether the name of a file says once where the frame's number goes: %d, or %04d for four digits.
+/// The error is the cure.
+[[nodiscard]] Result<void> check_frame_pattern(std::string_view pattern);
+/// Of a pattern that is good.
+[[nodiscard]] std::string frame_file(std::string_view pattern, std::uint32_t frame);
+
+} // namespace fraja::client

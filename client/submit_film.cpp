@@ -1,0 +1,438 @@
+#include "client/submit_film.hpp"
+
+#include "client/film_scenes.hpp"
+#include "client/json.hpp"
+#include "client/local/local_farm.hpp"
+#include "client/picture.hpp"
+#include "client/progress.hpp"
+#include "client/progress_report.hpp"
+#include "client/shell.hpp"
+#include "common/base/text.hpp"
+#include "common/net/clock.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <condition_variable>
+#include <csignal>
+#include <filesystem>
+#include <fmt/core.h>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration look_around = 100ms; // for signals, and for who is to leave
+
+/// One frame on its way; its thread writes, the film's looks.
+struct Shared {
+    std::mutex mutex;
+    std::condition_variable changed;
+    std::atomic<bool> leaving = false;
+};
+
+struct FrameState {
+    std::uint32_t number = 0;
+    std::string output;
+    // guarded by Shared::mutex
+    std::optional<protocol::JobState> job;
+    std::string broker;
+    bool connected = true;
+    double share = 0;
+    std::optional<Outcome> outcome; ///< it is over
+};
+
+class FrameListener final : public Listener {
+public:
+    FrameListener(Shared& shared, FrameState& state) : shared_(shared), state_(state) {}
+
+    void hear(Instant, const News& news) override {
+        std::visit([&](const auto& n) { take(n); }, news);
+    }
+    Instant tick(Instant now) override { return now + look_around; }
+    std::optional<Outcome> wants_to_leave() override {
+        if (!shared_.leaving)
+            return std::nullopt;
+        return Outcome{ExitCode::interrupted, "interrupted"};
+    }
+    [[nodiscard]] const std::optional<Picture>& picture() const { return picture_; }
+
+private:
+    void take(const Accepted& news) {
+        if (!picture_)
+            picture_.emplace(news.state.settings);
+        note(news.state);
+    }
+    void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }
+    void take(const StateChanged& news) { note(news.state); }
+    void take(const ConnectionChanged& news) {
+        const std::lock_guard lock(shared_.mutex);
+        state_.connected = news.connected;
+        state_.broker = news.broker;
+    }
+    void take(const FarmChanged&) {}
+    void take(const Finished&) {}
+    void note(const protocol::JobState& job) {
+        const std::lock_guard lock(shared_.mutex);
+        state_.job = job;
+        state_.share = share_done(job);
+    }
+
+    Shared& shared_;
+    FrameState& state_;
+    std::optional<Picture> picture_;
+};
+
+class FilmProgram {
+public:
+    FilmProgram(const SubmitOptions& options, const net::SignalWatch* signals)
+        : options_(options), signals_(signals), console_(options.shared.console),
+          mode_(ProgressReport::chosen(options.shared.progress, console_)), pace_(net::now()) {
+        report_.started = std::chrono::system_clock::now();
+        report_.film = random_id<FilmId>();
+        report_.job_name = options.job_name;
+        report_.scene_file = options.scene_file;
+        report_.travel_file = options.travel_file;
+        report_.settings = options.settings;
+    }
+
+    int run() {
+        if (auto fault = find_fault())
+            return end({ExitCode::usage, *std::move(fault)});
+        if (options_.dry_run) {
+            if (!options_.shared.json)
+                print_plan();
+            return end({});
+        }
+        if (waiting_.empty()) {
+            console_.info("every frame's file exists: nothing to do");
+            return end({});
+        }
+        Outcome outcome = render();
+        console_.end_redraw();
+        return end(std::move(outcome));
+    }
+
+private:
+    std::optional<std::string> find_fault() {
+        std::vector<std::string> warnings;
+        auto scenes = FilmScenes::read(options_.scene_file, options_.travel_file, warnings);
+        for (const std::string& warning : warnings)
+            console_.located_warning(warning);
+        if (!scenes) { // it opens with file, line and column: nothing before that
+            console_.line(printable(scenes.error().message));
+            return scenes.error().message;
+        }
+        scenes_ = *std::move(scenes);
+        const FrameRange range = options_.frames.value_or(FrameRange{1, scenes_->frame_count(), 1});
+        if (range.last > scenes_->frame_count())
+            return said(fmt::format("--frames: {} has {} cameras, so there is no frame {}",
+                                    options_.travel_file, scenes_->frame_count(), range.last));
+        for (std::uint64_t n = range.first; n <= range.last; n += range.step) {
+            const auto number = static_cast<std::uint32_t>(n);
+            FilmReport::Frame& frame = report_.frames.emplace_back();
+            frame.number = number;
+            std::error_code ignored;
+            if (options_.skip_existing &&
+                std::filesystem::exists(frame_file(options_.output, number), ignored))
+                frame.state = "skipped";
+            else
+                waiting_.push_back(report_.frames.size() - 1);
+        }
+        if (!waiting_.empty())
+            if (const auto writable = check(report_.frames[waiting_.front()].number); !writable)
+                return said(writable.error().message);
+        return std::nullopt;
+    }
+
+    std::string said(std::string fault) {
+        console_.error(fault);
+        return fault;
+    }
+
+    [[nodiscard]] Result<void> check(std::uint32_t frame) const {
+        return check_writable(frame_file(options_.output, frame),
+                              {options_.settings.crop.width, options_.settings.crop.height});
+    }
+
+    void print_plan() const {
+        fmt::print("scene     {}\ntravel    {} ({} cameras)\n", options_.scene_file,
+                   options_.travel_file, scenes_->frame_count());
+        fmt::print("frames    {} to render, {} skipped\n", waiting_.size(),
+                   report_.frames.size() - waiting_.size());
+        fmt::print("settings  {}\n", settings_text(options_.settings));
+        if (!waiting_.empty())
+            fmt::print("output    {} ... {}\n",
+                       frame_file(options_.output, report_.frames[waiting_.front()].number),
+                       frame_file(options_.output, report_.frames[waiting_.back()].number));
+    }
+
+    Outcome render() {
+        const net::Context context;
+        std::unique_ptr<LocalFarm> farm;
+        session_ = session_options(options_.shared);
+        if (options_.local) {
+            auto started = LocalFarm::start(context, options_.local_threads);
+            if (!started)
+                return {ExitCode::usage, said(started.error().message)};
+            farm = *std::move(started);
+            session_.brokers = {farm->endpoint()};
+        }
+        const Instant times_out =
+            options_.timeout ? net::now() + *options_.timeout : Instant::never();
+        std::optional<Outcome> leaving;
+        std::size_t next = 0;
+        while (!leaving && (next < waiting_.size() || !running_.empty())) {
+            while (!gives_up_ && next < waiting_.size() &&
+                   running_.size() < frames_at_a_time(options_.settings))
+                begin(context, waiting_[next++]);
+            if (gives_up_ && running_.empty())
+                break;
+            {
+                std::unique_lock lock(shared_.mutex);
+                shared_.changed.wait_for(lock, look_around);
+            }
+            gather();
+            show_progress();
+            if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
+                leaving = *signal == SIGTERM ? Outcome{ExitCode::terminated, "terminated"}
+                                             : Outcome{ExitCode::interrupted, "interrupted"};
+            else if (net::now() >= times_out)
+                leaving = Outcome{ExitCode::timed_out, "the time is up"};
+        }
+        if (!leaving)
+            return summary();
+        leave(*leaving, next);
+        return *leaving;
+    }
+
+    /// A thread of its own speaks for it.
+    void begin(const net::Context& context, std::size_t index) {
+        Running& one = running_[index];
+        one.state = std::make_unique<FrameState>();
+        one.state->number = report_.frames[index].number;
+        one.state->output = frame_file(options_.output, one.state->number);
+        one.thread = std::jthread([this, &context, &state = *one.state] {
+            Outcome outcome = render_frame(context, state);
+            {
+                const std::lock_guard lock(shared_.mutex);
+                state.outcome = std::move(outcome);
+            }
+            shared_.changed.notify_one();
+        });
+    }
+
+    Outcome render_frame(const net::Context& context, FrameState& state) {
+        if (const auto writable = check(state.number); !writable)
+            return {ExitCode::job_failed, writable.error().message};
+        const auto scene = scenes_->frame(state.number);
+        if (!scene)
+            return {ExitCode::job_failed, scene.error().message};
+        const std::string number = fmt::format("-{:04}", state.number);
+        SubmissionRequest request{
+            .job = {.job = random_id<JobId>(),
+                    .job_name =
+                        options_.job_name.substr(0, protocol::name_bytes_max - number.size()) +
+                        number,
+                    .scene = scene->hash,
+                    .scene_bytes = scene->text->size(),
+                    .settings = options_.settings,
+                    .tile_side = options_.tile_side,
+                    .order = options_.order,
+                    .priority = options_.priority,
+                    .wishes = options_.wishes,
+                    .resume = options_.resume},
+            .scene_text = scene->text,
+            .session = session_,
+            .timeout = std::nullopt};
+        request.job.wishes.film = report_.film;
+        request.job.wishes.frame = state.number;
+        FrameListener listener(shared_, state);
+        Outcome outcome = run_submission(context, std::move(request), listener, nullptr);
+        if (outcome.code != ExitCode::done)
+            return outcome;
+        if (const auto written = listener.picture()->write(
+                state.output, picture_attributes(scene->hash, options_.settings));
+            !written)
+            return {ExitCode::job_failed, written.error().message};
+        return outcome;
+    }
+
+    /// What has become of those on their way.
+    void gather() {
+        bool connected = true;
+        std::vector<std::size_t> over;
+        {
+            const std::lock_guard lock(shared_.mutex);
+            for (const auto& [index, one] : running_) {
+                connected = connected && one.state->connected;
+                if (!one.state->broker.empty())
+                    broker_ = one.state->broker;
+                if (one.state->outcome)
+                    over.push_back(index);
+            }
+        }
+        if (connected != connected_ && (!connected || over.empty())) {
+            connected_ = connected;
+            if (connected)
+                console_.info("found the broker at " + broker_ + " again");
+            else
+                console_.warning("lost the broker at " + broker_ + "; looking for it");
+        }
+        for (const std::size_t index : over)
+            end_frame(index);
+    }
+
+    void end_frame(std::size_t index) {
+        const auto at = running_.find(index);
+        at->second.thread.join();
+        const FrameState& state = *at->second.state;
+        FilmReport::Frame& frame = report_.frames[index];
+        if (state.job)
+            frame.job = *state.job;
+        frame.state = state.job ? std::string(to_string(state.job->phase)) : "not_submitted";
+        const Outcome& outcome = *state.outcome;
+        if (outcome.code == ExitCode::done) {
+            frame.output = state.output;
+            ++done_;
+        } else {
+            frame.reason = outcome.reason;
+            const bool of_this_frame =
+                outcome.code == ExitCode::job_failed || outcome.code == ExitCode::cancelled;
+            // What ails all of them is said once.
+            if (of_this_frame || !gives_up_)
+                console_.error(fmt::format("frame {}: {}", state.number, outcome.reason));
+            if (!of_this_frame && !gives_up_)
+                gives_up_ = outcome;
+            failures_.push_back(outcome);
+        }
+        running_.erase(at);
+    }
+
+    void show_progress() {
+        double share = static_cast<double>(done_ + failures_.size());
+        {
+            const std::lock_guard lock(shared_.mutex);
+            for (const auto& [index, one] : running_)
+                share += one.state->share;
+        }
+        const unsigned percent =
+            ProgressView::percent_of(share / static_cast<double>(waiting_.size()));
+        const bool is_over = done_ + failures_.size() == waiting_.size();
+        const std::string line =
+            fmt::format("{}  {} of {} frames  {}%  {}", printable(options_.job_name), done_,
+                        waiting_.size(), percent,
+                        format_duration(std::chrono::duration_cast<Duration>(
+                            std::chrono::system_clock::now() - report_.started)));
+        if (mode_ == ProgressMode::bar)
+            console_.redraw(line);
+        else if (mode_ == ProgressMode::plain && pace_.is_due(net::now(), percent))
+            console_.line(line);
+        else if (mode_ == ProgressMode::json && (line != shown_ || is_over))
+            console_.line(fmt::format(
+                R"({{"schema":"fraja.film_progress/1","film":"{}","frames_done":{},"frames":{},"share_done":{:.4f}}})",
+                fraja::to_string(report_.film), done_, waiting_.size(),
+                share / static_cast<double>(waiting_.size())));
+        shown_ = line;
+    }
+
+    [[nodiscard]] Outcome summary() const {
+        if (gives_up_)
+            return *gives_up_;
+        if (failures_.empty())
+            return {};
+        const bool cancelled = std::ranges::all_of(
+            failures_, [](const Outcome& o) { return o.code == ExitCode::cancelled; });
+        return {cancelled ? ExitCode::cancelled : ExitCode::job_failed,
+                fmt::format("{} of {} frames have failed", failures_.size(), waiting_.size())};
+    }
+
+    /// Jobs go on, where there is a farm; frames that were not submitted yet are not.
+    void leave(const Outcome& outcome, std::size_t begun) {
+        shared_.leaving = true;
+        for (auto& [index, one] : running_)
+            one.thread.join();
+        std::string ids;
+        std::size_t going_on = 0;
+        for (auto& [index, one] : running_) {
+            FilmReport::Frame& frame = report_.frames[index];
+            if (one.state->outcome && one.state->outcome->code == ExitCode::done) {
+                frame.output = one.state->output;
+                ++done_;
+            }
+            if (!one.state->job)
+                continue;
+            frame.job = *one.state->job;
+            frame.state = std::string(to_string(frame.job.phase));
+            if (is_over(frame.job.phase))
+                continue;
+            ids += " " + fraja::to_string(frame.job.job);
+            ++going_on;
+        }
+        running_.clear();
+        console_.end_redraw();
+        console_.line(fmt::format(
+            "fraja-submit: {}; of {} frames {} are written, {} were not begun. To go on, the same "
+            "command with --skip-existing{}",
+            outcome.reason, waiting_.size(), done_, waiting_.size() - begun,
+            options_.local ? "" : " --resume"));
+        if (options_.local || going_on == 0)
+            return;
+        console_.line(fmt::format("  {} frame(s) go on\n"
+                                  "  watch them:   fraja-watch -b {}\n"
+                                  "  cancel them:  for job in{}; do fraja-ctl -b {} cancel --yes "
+                                  "$job; done",
+                                  going_on, broker_, ids, broker_));
+    }
+
+    int end(Outcome outcome) {
+        report_.outcome = std::move(outcome);
+        report_.finished = std::chrono::system_clock::now();
+        if (options_.shared.json)
+            fmt::print("{}\n", film_json(report_));
+        return static_cast<int>(console_.checked(report_.outcome.code));
+    }
+
+    const SubmitOptions& options_;
+    const net::SignalWatch* signals_;
+    Console console_;
+    ProgressMode mode_;
+    PlainPace pace_;
+    std::string shown_;
+    FilmReport report_;
+    std::optional<FilmScenes> scenes_;
+    SessionOptions session_;
+    std::vector<std::size_t> waiting_; ///< frames to be drawn, as report_ counts them
+    std::size_t done_ = 0;
+    std::vector<Outcome> failures_;
+    std::optional<Outcome> gives_up_; ///< why no more frames are submitted
+    std::string broker_;
+    bool connected_ = true;
+
+    struct Running {
+        std::unique_ptr<FrameState> state;
+        std::jthread thread; ///< ends before the state does
+    };
+    Shared shared_;
+    std::map<std::size_t, Running> running_;
+};
+
+} // namespace
+
+std::uint32_t frames_at_a_time(const protocol::PictureSettings& settings) {
+    const std::uint64_t bytes =
+        std::max<std::uint64_t>(1, settings.crop.pixel_count() * settings.pixel_bytes());
+    return static_cast<std::uint32_t>(
+        std::clamp<std::uint64_t>(frames_bytes_max / bytes, 1, frames_at_a_time_max));
+}
+
+int run_submit_film(const SubmitOptions& options, const net::SignalWatch* signals) {
+    return FilmProgram(options, signals).run();
+}
+
+} // namespace fraja::client

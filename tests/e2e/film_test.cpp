@@ -1,0 +1,156 @@
+// Films: fraja-submit --travel, with real processes.
+#include "tests/e2e/farm.hpp"
+
+#include <doctest/doctest.h>
+#include <fstream>
+
+namespace fraja::e2e {
+namespace {
+
+const std::string travel = std::string(FRAJA_SOURCE_DIR) + "/scenes/travels/cone.raj";
+const Words small{"-r", "64x48"};
+
+Words film(const std::string& output, Words more = {}) {
+    Words words{scene("cone"), "--travel", travel, "-o", output};
+    words.insert(words.end(), small.begin(), small.end());
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+}
+
+TEST_CASE("a film's frames are the pictures that --local draws of them, in numbered files") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one");
+    farm.add_worker("two");
+    const auto drawn = farm.submit(film(scratch.file("farm%03d.png"), {"--frames", "2-10x2"}));
+    REQUIRE_MESSAGE(drawn.exit == 0, drawn.err);
+    const auto local =
+        submit(film(scratch.file("local%d.png"), {"--frames", "1-12", "--local", "-j", "2"}));
+    REQUIRE_MESSAGE(local.exit == 0, local.err);
+    std::set<std::string> pictures;
+    for (int n = 1; n <= 12; ++n) {
+        CAPTURE(n);
+        const std::string one = bytes_of(scratch.file("local" + std::to_string(n) + ".png"));
+        const std::string name =
+            scratch.file(std::string("farm0") + (n < 10 ? "0" : "") + std::to_string(n) + ".png");
+        CHECK(fs::exists(name) == (n % 2 == 0 && n <= 10));
+        if (fs::exists(name))
+            CHECK((bytes_of(name) == one));
+        pictures.insert(one);
+    }
+    CHECK(pictures.size() == 12); // each from another place
+}
+
+TEST_CASE("a frame is the picture of its scene with another camera") {
+    const Scratch scratch;
+    std::ifstream in(travel);
+    const std::string cameras{std::istreambuf_iterator<char>(in), {}};
+    std::ifstream scene_in(scene("cone"));
+    std::string text{std::istreambuf_iterator<char>(scene_in), {}};
+    const std::size_t begin = cameras.find("raja.renderer"), end = cameras.find("  },", begin) + 3;
+    const std::size_t at = text.find("raja.renderer.HorizontalCamera");
+    REQUIRE(at != std::string::npos);
+    text.replace(at, text.find("\n  }", at) + 4 - at, cameras.substr(begin, end - begin));
+    std::ofstream(scratch.file("first.raj")) << text;
+    Words single{scratch.file("first.raj")};
+    single.insert(single.end(), small.begin(), small.end());
+    const auto drawn =
+        submit(film(scratch.file("f%d.png"), {"--frames", "1", "--local", "-j", "1"}));
+    REQUIRE_MESSAGE(drawn.exit == 0, drawn.err);
+    CHECK((bytes_of(scratch.file("f1.png")) == local_picture(scratch, single)));
+}
+
+TEST_CASE("frames whose files are there are skipped if asked for, and else drawn anew") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one", {"-j", "2"});
+    const std::string pattern = scratch.file("%02d.png");
+    std::ofstream(scratch.file("02.png")) << "mine";
+    const auto report =
+        farm.submit(film(pattern, {"--frames", "1-3", "--skip-existing", "--json"}));
+    REQUIRE_MESSAGE(report.exit == 0, report.err);
+    const auto json = nlohmann::json::parse(report.out);
+    CHECK(json.at("schema") == "fraja.film/1");
+    REQUIRE(json.at("frames").size() == 3);
+    CHECK(json.at("frames")[0].at("state") == "done");
+    CHECK(json.at("frames")[0].at("output") == scratch.file("01.png"));
+    CHECK(json.at("frames")[1].at("state") == "skipped");
+    CHECK(json.at("frames")[2].at("frame") == 3);
+    CHECK(bytes_of(scratch.file("02.png")) == "mine");
+    const auto shown = run({{program("fraja-ctl"), "-b", farm.endpoint(), "show", "--json",
+                             json.at("frames")[2].at("job").get<std::string>()}},
+                           patience);
+    REQUIRE(shown.has_value());
+    const auto job = nlohmann::json::parse(shown->out);
+    CHECK(job.at("film") == json.at("film"));
+    CHECK(job.at("frame") == 3);
+    CHECK(job.at("name") == "cone-0003");
+
+    const auto nothing =
+        farm.submit(film(pattern, {"--frames", "1-3", "--skip-existing", "--json"}));
+    CHECK(nothing.exit == 0);
+    for (const auto& frame : nlohmann::json::parse(nothing.out).at("frames")) {
+        CHECK(frame.at("state") == "skipped");
+        CHECK_FALSE(frame.contains("job")); // nothing was submitted
+    }
+    CHECK(farm.submit(film(pattern, {"--frames", "2"})).exit == 0);
+    CHECK(bytes_of(scratch.file("02.png")) != "mine");
+}
+
+TEST_CASE("a frame that cannot be written is told, and the others go on") {
+    const Scratch scratch;
+    fs::create_directories(scratch.file("1"));
+    fs::create_directories(scratch.file("3"));
+    const auto drawn =
+        submit(film(scratch.file("%d/x.png"), {"--frames", "1-3", "--local", "-j", "1"}));
+    CHECK(drawn.exit == 1);
+    CHECK(drawn.err.find("frame 2: ") != std::string::npos);
+    CHECK(fs::exists(scratch.file("1/x.png")));
+    CHECK(fs::exists(scratch.file("3/x.png")));
+}
+
+TEST_CASE("what is wrong with a film is said before anything is submitted, with the cure") {
+    const Scratch scratch;
+    std::ofstream(scratch.file("broken.raj"))
+        << "[\n  raja.renderer.HorizontalCamera { focl = 1 }\n]\n";
+    struct Row {
+        Words words;
+        std::string says;
+    };
+    const std::string good = scratch.file("%d.png");
+    for (const Row& row : {
+             Row{{"--travel", scratch.file("broken.raj"), "-o", good},
+                 "broken.raj:2:36: raja.renderer.HorizontalCamera has no field 'focl' (did you "
+                 "mean 'focal'?)"},
+             Row{{"--travel", scratch.file("none.raj"), "-o", good}, "there is no such file"},
+             Row{{"--travel", travel, "-o", good, "--frames", "5-13"},
+                 "has 12 cameras, so there is no frame 13"},
+             Row{{"--travel", travel, "-o", good, "--frames", "5-1"}, "written as A-B or A-BxS"},
+             Row{{"--travel", travel, "-o", scratch.file("x.png")}, "as in cone%04d.png"},
+             Row{{"--travel", travel, "-o", scratch.file("%d%d.png")}, "as in cone%04d.png"},
+             Row{{"--travel", travel}, "-o cone%04d.png"},
+             Row{{"-o", good}, "give --travel FILE"},
+             Row{{"--frames", "1-2"}, "--travel FILE"},
+             Row{{"--travel", travel, "-o", good, "--time-limit", "9s"}, "not with --travel"},
+             Row{{"--travel", travel, "-o", good, "--schedule", "static"}, "on demand"},
+         }) {
+        CAPTURE(row.says);
+        Words words{scene("cone"), "--local"};
+        words.insert(words.end(), row.words.begin(), row.words.end());
+        const auto result = submit(words);
+        CHECK(result.exit == 2);
+        CHECK_MESSAGE(result.err.find(row.says) != std::string::npos, result.err);
+    }
+    CHECK_FALSE(fs::exists(scratch.file("1.png")));
+}
+
+TEST_CASE("a film without a broker ends with 3 and says so once") {
+    const Scratch scratch;
+    const auto result = submit(
+        film(scratch.file("%d.png"), {"-b", "tcp://127.0.0.1:9", "--connect-timeout", "500ms"}));
+    CHECK(result.exit == 3);
+    CHECK(result.err.find("frame ") == result.err.rfind("frame "));
+}
+
+} // namespace
+} // namespace fraja::e2e
