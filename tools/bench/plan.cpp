@@ -1,6 +1,5 @@
 // plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] [--frames N]
-// [--film]
-// [--csv FILE] SCENE.raj...
+// [--film] [--csv FILE] SCENE.raj...
 //
 // How well a farm would use its workers, from one to ten thousand: the real broker, workers and
 // client in pretend time (tests/sim), with what a scene's parts really cost, counted once. Prints
