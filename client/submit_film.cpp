@@ -29,13 +29,14 @@ using namespace std::chrono_literals;
 
 constexpr Duration look_around = 100ms; // for signals, and for who is to leave
 
-/// One frame on its way; its thread writes, the film's looks.
+/// What the threads of frames and the film's own have in common.
 struct Shared {
     std::mutex mutex;
     std::condition_variable changed;
     std::atomic<bool> leaving = false;
 };
 
+/// One frame on its way: its thread writes, the film's looks.
 struct FrameState {
     std::uint32_t number = 0;
     std::string output;
@@ -321,9 +322,11 @@ private:
             for (const auto& [index, one] : running_)
                 share += one.state->share;
         }
-        const unsigned percent =
-            ProgressView::percent_of(share / static_cast<double>(waiting_.size()));
         const bool is_over = done_ + failures_.size() == waiting_.size();
+        // A frame whose tiles are here has still to be written.
+        const unsigned percent =
+            std::min(ProgressView::percent_of(share / static_cast<double>(waiting_.size())),
+                     is_over ? 100u : 99u);
         const std::string line =
             fmt::format("{}  {} of {} frames  {}%  {}", printable(options_.job_name), done_,
                         waiting_.size(), percent,

@@ -27,6 +27,7 @@ TEST_CASE("a film's frames are the pictures that --local draws of them, in numbe
     const auto local =
         submit(film(scratch.file("local%d.png"), {"--frames", "1-12", "--local", "-j", "2"}));
     REQUIRE_MESSAGE(local.exit == 0, local.err);
+    CHECK(local.err.find("cone  12 of 12 frames  100%") != std::string::npos);
     std::set<std::string> pictures;
     for (int n = 1; n <= 12; ++n) {
         CAPTURE(n);
