@@ -322,5 +322,25 @@ TEST_CASE("a film that was forgotten leaves nothing, and its id may come back wi
     CHECK(farm.tiles("w1").at(0).frame == 2);
 }
 
+TEST_CASE("after a restart the frames that are kept are one film again") {
+    Farm farm({}, true);
+    Restored restored;
+    for (std::uint8_t n = 1; n <= 3; ++n) {
+        StoredJob& job = restored.contents.jobs.emplace_back();
+        job.submission = frame(n, 4);
+        job.submission.wishes.workers_max = 2;
+        job.number = n;
+        job.phase = JobPhase::running;
+    }
+    restored.scenes.emplace(scene_hash, scene_bytes);
+    farm.event(restored);
+    CHECK(farm.state(id_of<JobId>(2)).frame == 2);
+    workers_arrive(farm, 4);
+    CHECK(frames_of(farm, 4) == std::multiset<std::uint32_t>{1, 2}); // two workers for all
+    farm.client_arrives("client");
+    farm.say("client", frame(4, 4)); // its wishes are others
+    CHECK(farm.last<Refused>("client").code == RefusalCode::invalid);
+}
+
 } // namespace
 } // namespace fraja::broker
