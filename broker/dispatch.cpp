@@ -183,7 +183,7 @@ bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
 /// there would be too few to tell anything.
 std::optional<std::uint32_t> Dispatcher::probe_side(const Job& job) const {
     if (const auto order = orders_.find(job.id()); order != orders_.end())
-        return order->second;
+        return order->second.probe_side;
     const PictureSettings& s = job.submission().settings;
     const auto pixels = static_cast<double>(s.crop.pixel_count());
     const auto squares_max =
@@ -283,6 +283,7 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
                           .settings = s.settings,
                           .probe_side = probe_side});
     worker.grants.emplace(GrantKey{job.id(), tile, attempt}, std::move(grant));
+    count_grant_of_order(job.id(), true);
     if (job.party().is_film())
         worker.frames[s.wishes.film] = job.id();
     update_load(peer, worker);

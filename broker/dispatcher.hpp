@@ -110,6 +110,15 @@ private:
         Instant heard_at;
     };
     using Workers = std::map<PeerId, WorkerSession>;
+    /// A job as well, until it is over. Its scene is kept as long as a worker may ask for it.
+    struct OpenOrder {
+        ContentHash scene;
+        std::uint32_t probe_side = 0; ///< of a probe's squares
+        std::uint32_t failures = 0;   ///< of a probe
+        std::uint32_t grants = 0;     ///< that are not answered
+        bool over = false;
+    };
+    using Orders = std::map<JobId, OpenOrder>;
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
@@ -259,6 +268,8 @@ private:
     void on(const OrderWithdrawn& event);
     [[nodiscard]] bool is_order(const Job& job) const { return orders_.contains(job.id()); }
     void fill_probe(Job& job, const protocol::TileRendered& answer);
+    void let_order_go_if_over(Orders::iterator order);
+    void count_grant_of_order(const JobId& job, bool begins);
     void end_order(Job& job, protocol::JobPhase phase, protocol::FailureCode fault);
 
     // stream.cpp: who hears of it
@@ -299,8 +310,8 @@ private:
     std::map<std::uint32_t, JobId> job_by_number_;
     std::uint32_t last_number_ = 0;
     BlobStore blobs_;
-    std::map<JobId, std::uint32_t> orders_; ///< each is a job as well; of probes the squares' side
-    std::uint32_t last_order_ = 0;          ///< number
+    Orders orders_;
+    std::uint32_t last_order_ = 0; ///< number
     /// Together they share the farm with others as one.
     std::shared_ptr<Party> orders_party_ = std::make_shared<Party>(0, protocol::Wishes{});
 

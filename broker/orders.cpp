@@ -47,7 +47,7 @@ void Dispatcher::on(const Ordered& event) {
     job.submitted_at = now_;
     job.acknowledged_at = now_;
     job.join(orders_party_);
-    orders_[order.id] = order.probe_side;
+    orders_[order.id] = {.scene = order.scene, .probe_side = order.probe_side};
     look_ready(job);
 }
 
@@ -72,15 +72,33 @@ void Dispatcher::end_order(Job& job, JobPhase phase, FailureCode fault) {
     } else if (phase == JobPhase::failed) {
         actions_->push_back(OrderFailed{job.id(), fault, job.reason});
     }
-    blobs_.release(job.submission().scene);
-    orders_.erase(job.id());
-    jobs_.erase(JobId(job.id()));
+    const auto order = orders_.find(job.id());
+    order->second.over = true;
+    jobs_.erase(order->first);
+    let_order_go_if_over(order);
+}
+
+/// Whoever has a tile of it may be about to ask for its scene, though the tile is not wanted.
+void Dispatcher::let_order_go_if_over(Orders::iterator order) {
+    if (!order->second.over || order->second.grants > 0)
+        return;
+    blobs_.release(order->second.scene);
+    orders_.erase(order);
+}
+
+void Dispatcher::count_grant_of_order(const JobId& job, bool begins) {
+    const auto order = orders_.find(job);
+    if (order == orders_.end())
+        return;
+    order->second.grants += begins ? 1 : -1u;
+    let_order_go_if_over(order);
 }
 
 std::vector<OrderProgress> Dispatcher::order_progress() const {
     std::vector<OrderProgress> progress;
     for (const auto& [id, order] : orders_)
-        progress.push_back({id, jobs_.at(id).rays().total()});
+        if (!order.over)
+            progress.push_back({id, jobs_.at(id).rays().total()});
     if (progress.empty())
         return progress;
     for (const auto& [peer, worker] : workers_)

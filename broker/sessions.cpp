@@ -196,6 +196,7 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
         const GrantKey& key = by_age[i].second;
         const bool counts = departure == Departure::lost &&
                             (i < session.hello.threads || session.grants.at(key).rays > 0);
+        count_grant_of_order(key.job, false);
         take_back(key, session.grants.at(key), counts, session, "the worker was lost");
     }
     for (auto& [id, job] : jobs_)

@@ -57,6 +57,7 @@ std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, Worke
     }
     Grant grant = found->second;
     worker.grants.erase(found);
+    count_grant_of_order(key.job, false);
     if (grant.started_at) { // its thread goes on with the next one
         const auto next = std::ranges::min_element(worker.grants, {}, [](const auto& other) {
             return std::pair(other.second.started_at.has_value(), other.second.number);
@@ -191,9 +192,14 @@ void Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
     if (grant.id == OpenTileId::none) { // it goes without
         if (job->probe != Job::Probe::in_flight)
             return;
+        if (const auto order = orders_.find(key.job); order != orders_.end()) { // or it is all
+            order->second.failures += counts;
+            if (order->second.failures >= limits_.attempts_max)
+                return end_job(*job, JobPhase::failed, why);
+            job->probe = Job::Probe::wanted;
+            return look_ready(*job);
+        }
         job->probe = Job::Probe::over;
-        if (is_order(*job))
-            return end_job(*job, JobPhase::failed, why);
         return look_ready(*job);
     }
     if (!job->assigned_as(grant.id, key.attempt))

@@ -123,6 +123,8 @@ TEST_CASE("an order that is withdrawn stops, without a word") {
     REQUIRE(tiles.size() == 2);
     farm.event(OrderWithdrawn{id_of<JobId>(7)});
     CHECK(farm.all<CancelTile>("w").size() == 2);
+    farm.say("w", NeedChunk{scene_hash, 0}); // it was about to
+    CHECK(farm.heard<Chunk>("w"));
     for (const RenderTile& tile : tiles)
         farm.fail("w", tile, FailureCode::cancelled);
     CHECK(farm.tiles("w").empty());
@@ -130,6 +132,8 @@ TEST_CASE("an order that is withdrawn stops, without a word") {
     CHECK(farm.orders_failed.empty());
     CHECK(farm.dispatcher.job_count() == 0);
     farm.event(OrderWithdrawn{id_of<JobId>(7)});
+    farm.say("w", NeedChunk{scene_hash, 0}); // now nobody needs it
+    CHECK(farm.last<Refused>("w").code == RefusalCode::invalid);
 }
 
 TEST_CASE("an order fails for the scene's fault at once, and for the machines' in the end") {
@@ -166,8 +170,12 @@ TEST_CASE("a probe that was ordered goes to one worker as it is") {
     CHECK((*farm.orders_filled[0].probe.at(0) == *answer.blobs[0]));
     CHECK(farm.tiles("w").empty());
 
-    farm.event(Ordered{order}); // and if it is lost, so is the order
-    farm.fail("w", farm.tiles("w").at(0), FailureCode::machine);
+    order.id = id_of<JobId>(8);
+    farm.event(Ordered{order}); // one that is lost is asked for again, but not for ever
+    for (int i = 0; i < 3; ++i) {
+        CHECK(farm.orders_failed.empty());
+        farm.fail("w", farm.tiles("w").at(0), FailureCode::machine);
+    }
     CHECK(farm.orders_failed.size() == 1);
     CHECK(farm.dispatcher.job_count() == 0);
 }

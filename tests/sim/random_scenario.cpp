@@ -152,6 +152,11 @@ Scenario random_scenario(std::uint64_t seed) {
     const std::size_t workers = 1 + rng.below(6);
     for (std::size_t i = 0; i < workers; ++i)
         s.workers.push_back(random_worker(rng, i == 0));
+    if (rng.below(3) == 0) {
+        s.branches = 1 + rng.below(2);
+        for (std::size_t i = 1; i < workers; ++i) // the first suits every job
+            s.workers[i].branch = rng.below(s.branches + 1);
+    }
     const std::size_t jobs = 1 + rng.below(4);
     for (std::size_t i = 0; i < jobs; ++i)
         s.jobs.push_back(random_job(rng, i));

@@ -41,6 +41,7 @@ struct WorkerPlan {
     std::uint32_t threads = 1;
     double rays_per_s = 1e6; ///< of a thread
     std::vector<std::string> tags;
+    std::size_t branch = 0; ///< which broker it serves: the one above all, or a branch, from 1
 };
 
 struct JobPlan {
@@ -65,6 +66,7 @@ struct Scenario {
     broker::Limits limits;
     StorePlan store;
     std::vector<WorkerPlan> workers;
+    std::size_t branches = 0; ///< brokers that serve the one above as workers
     std::vector<JobPlan> jobs;
     Duration compile_min = std::chrono::milliseconds(1); ///< of a scene at a worker
     Duration compile_max = std::chrono::milliseconds(50);

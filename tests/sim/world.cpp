@@ -1,5 +1,6 @@
 // A whole farm in pretend time: its nodes put together, and the accidents that befall them.
 #include "tests/sim/administrator.hpp"
+#include "tests/sim/branch_node.hpp"
 #include "tests/sim/broker_node.hpp"
 #include "tests/sim/client_node.hpp"
 #include "tests/sim/scenario.hpp"
@@ -9,6 +10,7 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace fraja::sim {
@@ -29,14 +31,21 @@ public:
           stream_(farm_, network_, broker_process_),
           broker_(farm_, broker_process_, network_, stream_),
           administrator_(farm_, network_, stream_, clients_) {
-        for (std::size_t i = 0; i < scenario.workers.size(); ++i)
-            workers_.push_back(std::make_unique<WorkerNode>(farm_, network_, i));
+        for (std::size_t i = 0; i < scenario.branches; ++i)
+            branches_.push_back(std::make_unique<BranchNode>(farm_, network_, i));
+        for (std::size_t i = 0; i < scenario.workers.size(); ++i) {
+            const std::size_t branch = scenario.workers[i].branch;
+            Network& network = branch == 0 ? network_ : branches_[branch - 1]->below();
+            workers_.push_back(std::make_unique<WorkerNode>(farm_, network, i));
+        }
         for (std::size_t i = 0; i < scenario.jobs.size(); ++i)
             clients_.push_back(std::make_unique<ClientNode>(farm_, network_, stream_, i));
     }
 
     Report run() {
         broker_.start();
+        for (const auto& branch : branches_)
+            branch->start();
         for (const auto& worker : workers_)
             worker->start();
         for (std::size_t i = 0; i < clients_.size(); ++i)
@@ -55,20 +64,37 @@ public:
     }
 
 private:
-    Process& random_process() {
-        const std::size_t i = farm_.rng.below(workers_.size() + clients_.size());
-        return i < workers_.size() ? workers_[i]->process()
-                                   : clients_[i - workers_.size()]->process();
+    /// A worker, a branch or a client, and the network that it is a node of.
+    std::pair<Process*, Network*> random_node() {
+        std::size_t i = farm_.rng.below(workers_.size() + branches_.size() + clients_.size());
+        if (i < workers_.size()) {
+            const std::size_t branch = farm_.scenario.workers[i].branch;
+            return {&workers_[i]->process(),
+                    branch == 0 ? &network_ : &branches_[branch - 1]->below()};
+        }
+        i -= workers_.size();
+        if (i < branches_.size())
+            return {&branches_[i]->process(), &network_};
+        return {&clients_[i - branches_.size()]->process(), &network_};
+    }
+    void crash_somebody() {
+        const std::size_t i = farm_.rng.below(workers_.size() + branches_.size());
+        if (i < workers_.size())
+            workers_[i]->crash();
+        else
+            branches_[i - workers_.size()]->crash();
     }
     void plan_accidents() {
         const Faults& f = farm_.scenario.faults;
-        farm_.every(f.breaks_every, [this] { network_.break_line(random_process()); });
-        farm_.every(f.partitions_every, [this] { part(random_process()); });
-        farm_.every(f.worker_crashes_every,
-                    [this] { workers_[farm_.rng.below(workers_.size())]->crash(); });
+        farm_.every(f.breaks_every, [this] {
+            const auto [process, network] = random_node();
+            network->break_line(*process);
+        });
+        farm_.every(f.partitions_every, [this] { part(random_node()); });
+        farm_.every(f.worker_crashes_every, [this] { crash_somebody(); });
         farm_.every(f.broker_crashes_every, [this] { broker_.crash(); });
         farm_.every(f.hangs_every, [this] {
-            Process& process = farm_.rng.below(4) == 0 ? broker_process_ : random_process();
+            Process& process = farm_.rng.below(4) == 0 ? broker_process_ : *random_node().first;
             process.frozen_until = farm_.now() + farm_.between(0s, farm_.scenario.faults.hang_max);
         });
         farm_.every(f.disk_errors_every, [this] { broker_.fail_disk(); });
@@ -83,11 +109,12 @@ private:
         if (f.hung_tiles > 0)
             farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
     }
-    void part(Process& process) {
+    void part(const std::pair<Process*, Network*>& node) {
+        const auto [process, network] = node;
         const Duration silence = farm_.between(0s, farm_.scenario.faults.partition_max);
-        process.line.silent_until = farm_.now() + silence;
+        process->line.silent_until = farm_.now() + silence;
         if (silence > connection_patience)
-            network_.break_line(process);
+            network->break_line(*process);
     }
     /// Nothing else brings the threads back, and somebody does it in the end. By then their tiles
     /// must have been taken back.
@@ -108,6 +135,7 @@ private:
     Network network_;
     Stream stream_;
     BrokerNode broker_;
+    std::vector<std::unique_ptr<BranchNode>> branches_;
     std::vector<std::unique_ptr<WorkerNode>> workers_;
     std::vector<std::unique_ptr<ClientNode>> clients_;
     Administrator administrator_;
