@@ -2,6 +2,8 @@
 #include "tests/sim/scenario.hpp"
 
 #include <charconv>
+#include <csignal>
+#include <cstdio>
 #include <fmt/core.h>
 #include <string_view>
 
@@ -13,7 +15,10 @@ constexpr auto usage = "fraja-sim [--hours H] [--from S] [--failures N] | --seed
                        "  --hours H     of pretend time, farm after farm; 10 without it\n"
                        "  --from S      the first farm's seed; 1 without it\n"
                        "  --failures N  are enough: ends then\n"
-                       "  --seed S      that farm alone, with all that its programs say\n";
+                       "  --seed S      that farm alone, with all that its programs say\n"
+                       "INT and TERM end it after the farm at hand.\n";
+
+volatile std::sig_atomic_t asked_to_end = 0;
 
 struct Options {
     double hours = 10;
@@ -48,7 +53,11 @@ int main(int argc, char** argv) {
         }
     Duration total{};
     std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, seed = options.from;
+    for (const int signal : {SIGINT, SIGTERM})
+        std::signal(signal, [](int) { asked_to_end = 1; });
     const auto goes_on = [&] {
+        if (asked_to_end)
+            return false;
         return options.one ? seed == options.from
                            : seconds(total) < 3600 * options.hours && failed < options.failures_max;
     };
@@ -65,6 +74,7 @@ int main(int argc, char** argv) {
         tiles += report.tiles;
         for (const std::string& violation : report.violations)
             fmt::print("seed {}: {}\n", seed, violation);
+        std::fflush(stdout);
         failed += !report.violations.empty();
         if (options.one)
             fmt::print("history {:016x}\n", report.history);
