@@ -4,6 +4,7 @@
 #pragma once
 
 #include "broker/events.hpp"
+#include "broker/limits.hpp"
 #include "common/base/rng.hpp"
 #include "common/protocol/pixels.hpp"
 #include "worker/pool.hpp"
@@ -15,11 +16,6 @@
 #include <vector>
 
 namespace fraja::broker {
-
-/// As so many threads a branch greets the broker above, however many workers it has: what it is
-/// sent at once is then an eighth of its power, and its speed is learnt there as that of any
-/// worker.
-inline constexpr std::uint32_t branch_threads = 8;
 
 class Branch final : public worker::Pool {
 public:

@@ -47,6 +47,25 @@ CellRect CostMap::spot(std::size_t index) const {
             std::min(spot_side_, all.height - row)};
 }
 
+CellRect CostMap::blocks(std::size_t block, std::uint32_t side) const {
+    const std::uint32_t cells = side * block_side_;
+    const auto begin = [&](std::size_t index) {
+        return static_cast<std::uint32_t>(index) / side * cells;
+    };
+    const std::uint32_t column = begin(block % block_columns_), row = begin(block / block_columns_);
+    const CellRect all = grid_.all();
+    return {column, row, std::min(cells, all.width - column), std::min(cells, all.height - row)};
+}
+
+std::vector<std::size_t> CostMap::blocks_in(const CellRect& cells) const {
+    std::vector<std::size_t> blocks;
+    for (std::uint32_t row = cells.row; row < cells.row + cells.height; row += block_side_)
+        for (std::uint32_t column = cells.column; column < cells.column + cells.width;
+             column += block_side_)
+            blocks.push_back(block_of({column, row, 1, 1}));
+    return blocks;
+}
+
 template <class Visit>
 void CostMap::for_each_spot(const CellRect& cells, Visit visit) const {
     const auto next = [this](std::uint32_t at, std::uint32_t end) {

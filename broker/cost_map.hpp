@@ -24,6 +24,11 @@ public:
     [[nodiscard]] std::size_t block_of(const protocol::CellRect& cells) const {
         return std::size_t{cells.row / block_side_} * block_columns_ + cells.column / block_side_;
     }
+    /// Of the grid of squares of so many blocks a side the one with that block, as far as there is
+    /// picture.
+    [[nodiscard]] protocol::CellRect blocks(std::size_t block, std::uint32_t side) const;
+    /// Those that begin in the cells.
+    [[nodiscard]] std::vector<std::size_t> blocks_in(const protocol::CellRect& cells) const;
     [[nodiscard]] std::size_t spot_count() const { return spots_.size(); }
     [[nodiscard]] protocol::CellRect spot(std::size_t index) const;
 

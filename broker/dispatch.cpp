@@ -17,6 +17,7 @@ namespace {
 // Where nothing is known of what the picture's parts cost, or only what a probe tells, one that is
 // much more than was thought must not be too much.
 constexpr double parts_of_share = 3, parts_of_share_probed = 4, parts_of_share_blank = 64;
+constexpr double parts_of_order = 2;
 constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
 
 // Camera rays of a probe: no more than that part of the picture's.
@@ -217,7 +218,7 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
 /// So that all threads are through at about the same time, and no time is lost with too many tiles.
 /// Threads that are through with a frame go on with the film's next one: so as long as there are
 /// some, a tile is a part of what is left of the film, and a frame is cut for its worker's threads.
-/// So it is with orders, one after the other.
+/// An order is thought to be drawn by the `branch_threads`-th part of all: it is cut for these.
 double Dispatcher::work_wanted(const WorkerSession& worker, const Job& job) const {
     const double speed = speed_of(worker);
     const double left = std::max(0.0, job.costs().left() - job.work_in_flight());
@@ -227,13 +228,18 @@ double Dispatcher::work_wanted(const WorkerSession& worker, const Job& job) cons
                                                                    : parts_of_share;
     double wanted = left * part / parts;
     if (is_order(job))
-        wanted = ready_.group_work_left(job.id()) * part / parts;
+        wanted = (job.costs().done() + job.costs().left()) * part * branch_threads / parts_of_order;
     else if (job.party().is_film())
         wanted = std::max(wanted, std::min(ready_.group_work_left(job.id()) * part / parts,
                                            left / worker.hello.threads));
     if (!speed_.is_known())
         return wanted;
     return std::clamp(wanted, tile_time_min_s() * speed, seconds(limits_.tile_time_max) * speed);
+}
+
+/// Where speeds are unknown, none: nobody knows how long that would take.
+double Dispatcher::joined_work_max(const WorkerSession& worker) const {
+    return speed_.is_known() ? seconds(limits_.joined_time_max) * speed_of(worker) : 0;
 }
 
 double Dispatcher::tile_time_min_s() const {
@@ -246,6 +252,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
     const auto handed = job.assign_next({.worker = worker.hello.worker,
                                          .peer = peer,
                                          .work_wanted = work_wanted(worker, job),
+                                         .joined_work_max = joined_work_max(worker),
                                          .workers_with_credit = workers_for(job),
                                          .attempt = attempt});
     if (!handed)
@@ -272,16 +279,19 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
         grant.started_at = now_;
     grant.number = worker.tiles_sent++;
     const SubmitJob& s = job.submission();
-    send(peer, RenderTile{.job = job.id(),
-                          .tile = tile,
-                          .attempt = attempt,
-                          .frame = s.wishes.frame,
-                          .pass = job.pass(grant.tile),
-                          .rect = probe_side > 0 ? s.settings.crop : job.rect(grant.tile),
-                          .scene = s.scene,
-                          .scene_bytes = s.scene_bytes,
-                          .settings = s.settings,
-                          .probe_side = probe_side});
+    RenderTile order{.job = job.id(),
+                     .tile = tile,
+                     .attempt = attempt,
+                     .frame = s.wishes.frame,
+                     .pass = job.pass(grant.tile),
+                     .rect = probe_side > 0 ? s.settings.crop : job.rect(grant.tile),
+                     .scene = s.scene,
+                     .scene_bytes = s.scene_bytes,
+                     .settings = s.settings,
+                     .probe_side = probe_side};
+    if (const auto ordered = orders_.find(job.id()); ordered != orders_.end())
+        order.settings.crop = ordered->second.crop;
+    send(peer, std::move(order));
     worker.grants.emplace(GrantKey{job.id(), tile, attempt}, std::move(grant));
     count_grant_of_order(job.id(), true);
     if (job.party().is_film())

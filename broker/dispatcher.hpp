@@ -113,6 +113,7 @@ private:
     /// A job as well, until it is over. Its scene is kept as long as a worker may ask for it.
     struct OpenOrder {
         ContentHash scene;
+        PixelRect crop;               ///< of the picture; the job's is what was ordered
         std::uint32_t probe_side = 0; ///< of a probe's squares
         std::uint32_t failures = 0;   ///< of a probe
         std::uint32_t grants = 0;     ///< that are not answered
@@ -185,6 +186,7 @@ private:
     void send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
                     AttemptNumber attempt);
     [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
+    [[nodiscard]] double joined_work_max(const WorkerSession& worker) const;
     [[nodiscard]] double tile_time_min_s() const;
     [[nodiscard]] double speed_of(const WorkerSession& worker) const;
     void look_ready(const Job& job);

@@ -2,6 +2,7 @@
 
 #include "broker/tile_plan.hpp"
 #include "common/base/assert.hpp"
+#include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
 
 #include <algorithm>
@@ -24,6 +25,11 @@ constexpr int overbooked_max = 3;
 bool overlap(const CellRect& a, const CellRect& b) {
     return a.column < b.column + b.width && b.column < a.column + a.width &&
            a.row < b.row + b.height && b.row < a.row + a.height;
+}
+
+bool contains(const CellRect& all, const CellRect& part) {
+    return part.column >= all.column && part.column + part.width <= all.column + all.width &&
+           part.row >= all.row && part.row + part.height <= all.row + all.height;
 }
 
 /// Across the longer side.
@@ -53,6 +59,7 @@ Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
       grid_(submission_.settings.crop, side_of(submission_)), costs_(grid_),
       passes_(protocol::pass_count(submission_.settings)),
       done_(static_cast<std::size_t>(grid_.count() * passes_)), first_pass_left_(grid_.count()) {
+    fresh_blocks_.resize(std::size_t{costs_.block_columns()} * costs_.block_rows());
     plan();
 }
 
@@ -108,6 +115,14 @@ void Job::push_pending(OpenTileId id) {
     tile.work = costs_.work(tile.tile.cells);
     tile.rank = rank_of(tile.tile.cells, tile.work);
     pending_[tile.owner].insert({tile.rank, id});
+    if (is_fresh_block(tile))
+        fresh_blocks_[costs_.block_of(tile.tile.cells)] = id;
+}
+
+/// All of a block, which was never handed out.
+bool Job::is_fresh_block(const OpenTile& tile) const {
+    return !is_fixed() && !tile.owner && !tile.was_assigned && tile.whole == OpenTileId::none &&
+           tile.tile.cells == costs_.blocks(costs_.block_of(tile.tile.cells), 1);
 }
 
 void Job::erase_pending(OpenTileId id, const OpenTile& tile) {
@@ -117,6 +132,8 @@ void Job::erase_pending(OpenTileId id, const OpenTile& tile) {
         if (queue->second.empty())
             pending_.erase(queue);
     }
+    if (OpenTileId& fresh = fresh_blocks_[costs_.block_of(tile.tile.cells)]; fresh == id)
+        fresh = OpenTileId::none;
 }
 
 /// The parts of it that are not done yet, as large as they can be, within one block.
@@ -271,6 +288,32 @@ OpenTileId Job::cut(OpenTileId id, double work_wanted) {
     }
 }
 
+/// A fresh block is put together with those beside it, square after square of twice the side, as
+/// long as all of that is fresh: tiles should not be small where the work is.
+void Job::join_blocks(OpenTileId id, double work_max) {
+    OpenTile& tile = open_.at(id);
+    if (submission_.order != protocol::TileOrder::automatic || !is_fresh_block(tile))
+        return;
+    const std::size_t block = costs_.block_of(tile.tile.cells);
+    const std::uint32_t side_max =
+        protocol::tile_side_max / (costs_.block_side() * grid_.side()); // in blocks
+    for (std::uint32_t side = 2; side <= side_max; side *= 2) {
+        const CellRect wider = costs_.blocks(block, side);
+        if (costs_.risk(wider) > work_max)
+            return;
+        const std::vector<std::size_t> blocks = costs_.blocks_in(wider);
+        if (!std::ranges::all_of(blocks, [&](std::size_t b) {
+                return fresh_blocks_[b] != OpenTileId::none ||
+                       contains(tile.tile.cells, costs_.blocks(b, 1));
+            }))
+            return;
+        for (const std::size_t b : blocks)
+            if (const OpenTileId other = fresh_blocks_[b]; other != OpenTileId::none)
+                close(other);
+        tile.tile.cells = wider;
+    }
+}
+
 std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
     if (results_.size() >= 2 * ranked_at_ + 8)
         rank_anew();
@@ -279,6 +322,8 @@ std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
         id = take_pending(bidder);
         if (id == OpenTileId::none)
             return std::nullopt;
+        if (!dealt_out_)
+            join_blocks(id, std::min(bidder.work_wanted, bidder.joined_work_max));
         if (!dealt_out_ || stealing_)
             id = cut(id, bidder.work_wanted);
         if (!overlapping_ || !all_cells_done(open_.at(id).tile))

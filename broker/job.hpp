@@ -93,6 +93,8 @@ public:
         PeerId peer;
         /// As much as it should be given at once; of automatic tiles, a larger one is cut.
         double work_wanted = 0;
+        /// Blocks beside one another are joined up to so much, where no order was asked for.
+        double joined_work_max = 0;
         /// A tile that failed on this worker is left to others while there are any.
         std::size_t workers_with_credit = 1; ///< of those who may draw it
         AttemptNumber attempt{};             ///< under which it is handed out; never used before
@@ -250,6 +252,8 @@ private:
     [[nodiscard]] OpenTileId take_pending(const Bidder& bidder);
     [[nodiscard]] OpenTileId next_fixed();
     [[nodiscard]] OpenTileId cut(OpenTileId id, double work_wanted);
+    void join_blocks(OpenTileId id, double work_max);
+    [[nodiscard]] bool is_fresh_block(const OpenTile& tile) const;
     [[nodiscard]] double rank_of(const protocol::CellRect& cells, double work) const;
     void rank_anew();
     std::uint64_t mark_done(const Tile& tile, double work);
@@ -270,6 +274,7 @@ private:
     OpenTiles open_;
     std::deque<OpenTileId> requeued_;          ///< these go first
     std::map<Owner, std::set<Place>> pending_; ///< then these
+    std::vector<OpenTileId> fresh_blocks_;     ///< of each block, if it is pending and fresh
     std::size_t in_flight_count_ = 0;
     double work_in_flight_ = 0;
     std::map<PeerId, std::uint32_t> workers_;

@@ -8,6 +8,11 @@
 
 namespace fraja::broker {
 
+/// As so many threads a broker that serves another one as a worker greets it, however many workers
+/// it has: what it is sent at once is then an eighth of its power, and its speed is learnt there as
+/// that of any worker.
+inline constexpr std::uint32_t branch_threads = 8;
+
 struct Limits {
     std::size_t workers_max = 20'000;
     std::size_t clients_max = 5'000;
@@ -40,6 +45,8 @@ struct Limits {
     Duration tile_time_min = std::chrono::milliseconds(1);
     double tiles_per_s_max = 20'000;
     Duration tile_time_max = std::chrono::seconds(5); ///< nor more, where it can be cut
+    /// Of a tile of more than one block of the picture.
+    Duration joined_time_max = std::chrono::milliseconds(500);
     /// While workers are idle: how often it is asked whether they could help others out.
     Duration overbook_interval = std::chrono::milliseconds(50);
     std::uint32_t overbooked_parts_max = 16; ///< of one tile

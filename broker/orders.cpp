@@ -47,7 +47,8 @@ void Dispatcher::on(const Ordered& event) {
     job.submitted_at = now_;
     job.acknowledged_at = now_;
     job.join(orders_party_);
-    orders_[order.id] = {.scene = order.scene, .probe_side = order.probe_side};
+    orders_[order.id] = {
+        .scene = order.scene, .crop = order.settings.crop, .probe_side = order.probe_side};
     look_ready(job);
 }
 

@@ -40,6 +40,7 @@ std::shared_ptr<const TileDone> done_with(const Job& job, const Tile& tile) {
 /// Hands tiles out to workers 1, 2, ... and takes them back.
 struct Desk {
     Job job;
+    double joined_work_max = 0;
     std::uint32_t attempts = 0;
     struct AtWork {
         Job::Handed handed;
@@ -49,8 +50,12 @@ struct Desk {
 
     std::optional<Job::Handed> hand_out(std::uint8_t worker, double work_wanted,
                                         std::size_t workers = 9) {
-        auto handed = job.assign_next({id_of<WorkerId>(worker), std::to_string(worker), work_wanted,
-                                       workers, AttemptNumber{++attempts}});
+        auto handed = job.assign_next({.worker = id_of<WorkerId>(worker),
+                                       .peer = std::to_string(worker),
+                                       .work_wanted = work_wanted,
+                                       .joined_work_max = joined_work_max,
+                                       .workers_with_credit = workers,
+                                       .attempt = AttemptNumber{++attempts}});
         if (handed)
             at_work[handed->id] = {*handed, AttemptNumber{attempts}};
         return handed;
@@ -73,6 +78,54 @@ TEST_CASE("of a tile that is too much a part is handed out, and the rest later")
         pixels += desk.job.rect(next->tile).pixel_count();
     CHECK(pixels == 64 * 64);
     CHECK_FALSE(desk.job.has_pending());
+}
+
+TEST_CASE("fresh blocks are joined up to what is wanted, and never beyond a tile's side") {
+    Desk desk{Job(automatic(2048, 2048), 1, "c"), 1e9};
+    std::uint64_t pixels = 0;
+    const auto next = [&](double wanted) {
+        const auto handed = desk.hand_out(1, wanted);
+        REQUIRE(handed);
+        const PixelRect rect = desk.job.rect(handed->tile);
+        pixels += rect.pixel_count();
+        return Extent{rect.width, rect.height};
+    };
+    CHECK(next(1e9) == Extent{1024, 1024});
+    CHECK(next(1024 * 1024 - 1) == Extent{512, 512});
+    CHECK(next(4 * 64 * 64) == Extent{128, 128}); // beside that
+    CHECK(next(64 * 64) == Extent{64, 64});       // beside these
+    CHECK(next(1e9) == Extent{64, 64});           // beside that: not all around it is fresh
+    desk.joined_work_max = 64 * 64;
+    CHECK(next(1e9) == Extent{64, 64});
+    desk.joined_work_max = 1e9;
+    while (desk.job.has_pending())
+        (void)next(1e9);
+    CHECK(pixels == std::uint64_t{2048} * 2048);
+}
+
+TEST_CASE("at the borders as much is joined as is there") {
+    Desk desk{Job(automatic(200, 70), 1, "c"), 1e9};
+    const auto handed = desk.hand_out(1, 1e9);
+    REQUIRE(handed);
+    CHECK(desk.job.rect(handed->tile) == PixelRect{0, 0, 200, 70});
+    CHECK_FALSE(desk.job.has_pending());
+}
+
+TEST_CASE("what comes back is not joined, nor where an order was asked for") {
+    Desk desk{Job(automatic(256, 256), 1, "c"), 1e9};
+    const auto block = desk.hand_out(1, 64 * 64);
+    REQUIRE(block);
+    desk.job.requeue(block->id);
+    const auto again = desk.hand_out(2, 1e9);
+    REQUIRE(again);
+    CHECK(again->tile == block->tile);
+
+    SubmitJob s = automatic(256, 256);
+    s.order = TileOrder::scan;
+    Desk scan{Job(s, 1, "c"), 1e9};
+    const auto first = scan.hand_out(1, 1e9);
+    REQUIRE(first);
+    CHECK(scan.job.rect(first->tile) == PixelRect{0, 0, 64, 64});
 }
 
 TEST_CASE("no tile is smaller than a cell, however little is wanted") {
@@ -310,6 +363,8 @@ TEST_CASE("whatever happens to tiles, none is lost and every cell is done in the
             s.tile_side = 8 + static_cast<std::uint32_t>(rng.below(30));
         s.order = static_cast<TileOrder>(rng.below(4));
         Desk desk{Job(s, 1, "c")};
+        if (rng.below(2) == 0)
+            desk.joined_work_max = 1e9;
         const auto someone = [&] { return static_cast<std::uint8_t>(1 + rng.below(4)); };
         std::vector<Job::Handed> late; // taken back, and answered all the same
         for (int i = 0; i < 300 && !desk.job.all_done(); ++i) {

@@ -40,8 +40,8 @@ std::uint64_t pixels_of(const OrderFilled& filled) {
 
 TEST_CASE("an order is split among the workers, and told when all of it is drawn") {
     Farm farm;
-    farm.worker_arrives("a", 1, 2, 4);
-    farm.worker_arrives("b", 2, 2, 4);
+    farm.worker_arrives("a", 1, 16, 4);
+    farm.worker_arrives("b", 2, 16, 4);
     const Order order = order_of(7, {32, 16, 64, 48});
     farm.event(Ordered{order});
     const auto first = farm.all<RenderTile>("a");
@@ -49,6 +49,7 @@ TEST_CASE("an order is split among the workers, and told when all of it is drawn
     CHECK(first[0].job == order.id);
     CHECK(first[0].scene == scene_hash);
     CHECK(first[0].rect.inside(order.rect));
+    CHECK(first[0].settings == order.settings); // as if there were no broker between
     CHECK(farm.heard<RenderTile>("b"));
     farm.say("a", NeedChunk{scene_hash, 0});
     CHECK(farm.heard<Chunk>("a")); // its scene is here
@@ -117,7 +118,7 @@ TEST_CASE("an order shares the farm with jobs of the broker's own") {
 
 TEST_CASE("an order that is withdrawn stops, without a word") {
     Farm farm;
-    farm.worker_arrives("w", 1, 1, 2);
+    farm.worker_arrives("w", 1, 16, 2);
     farm.event(Ordered{order_of(7, {0, 0, 64, 64})});
     const auto tiles = farm.tiles("w");
     REQUIRE(tiles.size() == 2);
@@ -202,7 +203,7 @@ TEST_CASE("a tile of a pass is drawn in many, all of that pass") {
 
 TEST_CASE("what a lost worker had of an order goes to the others") {
     Farm farm;
-    farm.worker_arrives("a", 1, 1, 2);
+    farm.worker_arrives("a", 1, 16, 2);
     farm.event(Ordered{order_of(7, {0, 0, 64, 64})});
     CHECK(farm.tiles("a").size() == 2);
     farm.worker_arrives("b", 2, 1, 2);
@@ -214,13 +215,14 @@ TEST_CASE("what a lost worker had of an order goes to the others") {
 
 TEST_CASE("how far an order is counts what is done and what workers have told") {
     Farm farm;
-    farm.worker_arrives("w", 1, 1, 2);
+    farm.worker_arrives("w", 1, 16, 2);
     CHECK(farm.dispatcher.order_progress().empty());
-    CHECK(farm.dispatcher.thread_count() == 1);
+    CHECK(farm.dispatcher.thread_count() == 16);
     farm.event(Ordered{order_of(7, {0, 0, 64, 64})});
     const auto tiles = farm.tiles("w");
     farm.beat("w", 2, tiles, 50);
     REQUIRE(farm.dispatcher.order_progress().size() == 1);
+    REQUIRE(tiles.size() == 2);
     CHECK(farm.dispatcher.order_progress()[0].rays == 100);
     farm.render("w", tiles[0]);
     CHECK(farm.dispatcher.order_progress()[0].rays == 50 + tiles[0].rect.pixel_count());
