@@ -33,11 +33,23 @@ std::optional<std::string> Dispatcher::resume(Job& job) {
     return std::nullopt;
 }
 
-std::optional<std::string> Dispatcher::retry(Job& job) {
+/// To the broker's limits it is a new job.
+std::optional<Refused> Dispatcher::retry(Job& job) {
+    const auto refused = [&](RefusalCode code, std::string reason) {
+        return Refused{code, job.id(), std::move(reason)};
+    };
     if (job.phase != JobPhase::failed && job.phase != JobPhase::cancelled)
-        return "only a job that failed or was cancelled can be tried again";
+        return refused(RefusalCode::invalid,
+                       "only a job that failed or was cancelled can be tried again");
     if (!job.acknowledged_at || !job.holds_scene || !blobs_.complete(job.submission().scene))
-        return "its scene is not here: submit it again";
+        return refused(RefusalCode::invalid, "its scene is not here: submit it again");
+    if (const auto full = objection_to_one_more())
+        return refused(RefusalCode::limit_exceeded, *full);
+    if (const auto full = objection_to_share(job))
+        return refused(RefusalCode::limit_exceeded, *full);
+    while (const auto full = objection_to_size(job))
+        if (!forget_oldest_but(job.id()))
+            return refused(RefusalCode::limit_exceeded, *full);
     job.acknowledged_at = now_ - (*job.over_at - *job.acknowledged_at);
     job.over_at.reset();
     job.reason.clear();
@@ -72,7 +84,8 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     case JobDeed::retry:
         if (job->is_kept && !job->holds_scene && is_over(job->phase))
             return actions_->push_back(LoadScene{job->id(), job->submission().scene, peer});
-        objection = retry(*job);
+        if (const auto refused = retry(*job))
+            return send(peer, *refused);
         break;
     case JobDeed::set_priority:
         job->priority = control.priority;

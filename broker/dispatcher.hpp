@@ -143,6 +143,10 @@ private:
     objection(const protocol::SubmitJob& submission) const;
     [[nodiscard]] std::optional<std::string>
     objection_to_frame(const protocol::SubmitJob& submission) const;
+    [[nodiscard]] std::optional<std::string> objection_to_one_more() const;
+    [[nodiscard]] std::optional<std::string> objection_to_share(const Job& wanted) const;
+    [[nodiscard]] std::optional<std::string> objection_to_size(const Job& wanted) const;
+    bool forget_oldest_but(const JobId& wanted);
     [[nodiscard]] std::shared_ptr<Party> party_of(const Job& job);
     [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
@@ -162,7 +166,7 @@ private:
     void control_job(const PeerId& peer, const protocol::ControlJob& control);
     [[nodiscard]] std::optional<std::string> pause(Job& job);
     [[nodiscard]] std::optional<std::string> resume(Job& job);
-    [[nodiscard]] std::optional<std::string> retry(Job& job);
+    [[nodiscard]] std::optional<protocol::Refused> retry(Job& job);
     void control_worker(const PeerId& peer, const protocol::ControlWorker& control);
     void count_machine_failure(const PeerId& peer, WorkerSession& worker);
     void end_quarantines();

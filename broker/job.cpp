@@ -586,12 +586,16 @@ void Job::set_time_is_up() {
 
 // ------------------------------------------------------------------------------------------- state
 
-std::uint64_t Job::stored_bytes() const {
+std::uint64_t Job::promised_bytes() const {
     const protocol::PictureSettings& s = submission_.settings;
-    const bool over = is_over(phase);
-    const std::uint64_t pixels = over ? results_pixels_ : s.crop.pixel_count() * passes_;
-    const std::uint64_t tiles = over ? results_.size() : grid_.count() * passes_;
-    return pixels * s.pixel_bytes() + tiles * tile_overhead_bytes;
+    return passes_ * (s.crop.pixel_count() * s.pixel_bytes() + grid_.count() * tile_overhead_bytes);
+}
+
+std::uint64_t Job::stored_bytes() const {
+    if (!is_over(phase))
+        return promised_bytes();
+    return results_pixels_ * submission_.settings.pixel_bytes() +
+           results_.size() * tile_overhead_bytes;
 }
 
 protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {

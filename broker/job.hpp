@@ -190,8 +190,9 @@ public:
         return left;
     }
 
-    /// Of the pixels of all tiles that it may come to have, or has if it is over, with what it
-    /// costs to keep them.
+    /// Of the pixels of all tiles that it may come to have, with what it costs to keep them.
+    [[nodiscard]] std::uint64_t promised_bytes() const;
+    /// The same, or if it is over of those that it has.
     [[nodiscard]] std::uint64_t stored_bytes() const;
 
     // ------------------------------------------------------------------------------------- phase

@@ -70,13 +70,54 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
                                                      std::to_string(limits_.dealt_cells_max) +
                                                      " tiles are dealt out at once");
     }
+    if (const auto full = objection_to_one_more())
+        return refused(RefusalCode::limit_exceeded, *full);
+    return std::nullopt;
+}
+
+std::optional<std::string> Dispatcher::objection_to_one_more() const {
     const auto live = std::ranges::count_if(job_by_number_, [this](const auto& entry) {
         return !is_over(jobs_.at(entry.second).phase);
     });
     if (static_cast<std::size_t>(live) >= limits_.jobs_max)
-        return refused(RefusalCode::limit_exceeded,
-                       "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time");
+        return "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time";
     return std::nullopt;
+}
+
+/// Of a client that is here. What is over takes up nothing of its share.
+std::optional<std::string> Dispatcher::objection_to_share(const Job& wanted) const {
+    if (!clients_.contains(wanted.client()))
+        return std::nullopt;
+    std::uint64_t promised = wanted.promised_bytes();
+    for (const auto& [id, job] : jobs_)
+        if (id != wanted.id() && job.client() == wanted.client() && !is_over(job.phase))
+            promised += job.promised_bytes();
+    if (promised > limits_.client_bytes_max)
+        return "this broker stores pictures of at most " +
+               std::to_string(limits_.client_bytes_max) + " bytes at a time for one client";
+    return std::nullopt;
+}
+
+std::optional<std::string> Dispatcher::objection_to_size(const Job& wanted) const {
+    std::uint64_t stored = wanted.promised_bytes();
+    for (const auto& [id, job] : jobs_)
+        if (id != wanted.id())
+            stored += job.stored_bytes();
+    if (stored > limits_.stored_bytes_max)
+        return "this broker stores pictures of at most " +
+               std::to_string(limits_.stored_bytes_max) + " bytes";
+    return std::nullopt;
+}
+
+/// What is over makes room for what is to come. False: there is nothing but `wanted`.
+bool Dispatcher::forget_oldest_but(const JobId& wanted) {
+    const auto oldest = std::ranges::find_if(job_by_number_, [&](const auto& entry) {
+        return entry.second != wanted && is_over(jobs_.at(entry.second).phase);
+    });
+    if (oldest == job_by_number_.end())
+        return false;
+    forget(JobId(oldest->second));
+    return true;
 }
 
 std::optional<std::string> Dispatcher::objection_to_frame(const SubmitJob& s) const {
@@ -144,30 +185,24 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
                       "this broker cannot keep jobs now: " + store_trouble_, submission.job);
 
     Job fresh(submission, last_number_ + 1, peer);
-    // What is over makes room for what is to come.
+    const auto is_cut = [&fresh] {
+        if (fresh.passes() == 1)
+            return false;
+        fresh.set_passes(fresh.passes() - 1);
+        return true;
+    };
+    while (const auto full = objection_to_share(fresh))
+        if (!is_cut())
+            return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
     const auto over_limit = [&]() -> std::optional<std::string> {
-        std::uint64_t stored = fresh.stored_bytes();
-        for (const auto& [id, job] : jobs_)
-            stored += job.stored_bytes();
-        if (stored > limits_.stored_bytes_max)
-            return "this broker stores pictures of at most " +
-                   std::to_string(limits_.stored_bytes_max) + " bytes";
+        if (auto full = objection_to_size(fresh))
+            return full;
         const auto acquired = blobs_.acquire(submission.scene, submission.scene_bytes);
         return acquired ? std::nullopt : std::optional(acquired.error().message);
     };
-    std::optional<std::string> full = over_limit();
-    while (full) {
-        const auto oldest = std::ranges::find_if(job_by_number_, [this](const auto& entry) {
-            return is_over(jobs_.at(entry.second).phase);
-        });
-        if (oldest != job_by_number_.end())
-            forget(oldest->second);
-        else if (fresh.passes() > 1)
-            fresh.set_passes(fresh.passes() - 1);
-        else
+    while (const auto full = over_limit())
+        if (!forget_oldest_but(submission.job) && !is_cut())
             return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
-        full = over_limit();
-    }
     if (fresh.passes() < pass_count(submission.settings))
         log(LogLevel::warning, described(fresh) + ": of " +
                                    std::to_string(pass_count(submission.settings)) +

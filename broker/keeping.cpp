@@ -145,8 +145,8 @@ void Dispatcher::on(const SceneLoaded& event) {
         if (!blobs_.complete(scene))
             blobs_.restore(scene, make_blob(*event.scene));
     }
-    if (const auto objection = retry(*job))
-        return refuse(event.peer, RefusalCode::invalid, *objection, event.job);
+    if (const auto refused = retry(*job))
+        return send(event.peer, *refused);
     publish_state(*job);
     send(event.peer, state_of(*job));
 }

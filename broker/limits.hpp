@@ -24,12 +24,19 @@ struct Limits {
     std::uint64_t unstored_bytes_max = std::uint64_t{256} << 20;
     std::uint64_t stored_bytes_max = std::uint64_t{8}
                                      << 30; ///< pixels, done and promised, of all jobs kept
+    /// Of these, of the jobs of one client that are not over, so that one that asks for very much
+    /// leaves room for others. A client is a connection here: who says that it is the same person
+    /// again is believed by nobody, as there are no keys. Jobs whose client has left, as after
+    /// --detach, and those from before a restart count in the sum of all alone.
+    std::uint64_t client_bytes_max = std::uint64_t{6} << 30;
     std::uint64_t blob_bytes_max = std::uint64_t{4} << 30; ///< scenes, arrived and announced
     std::uint32_t attempts_max = 3;          ///< failures of one tile before its job fails
     std::uint64_t dealt_cells_max = 65'536;  ///< of a job of fixed tiles that is dealt out at once
     std::uint64_t probe_squares_max = 1'024; ///< in a probe of a picture
-    std::size_t topics_max =
-        20'000; ///< subscribed job topics remembered; nothing is published on further ones
+    /// Subscribed job topics that are remembered; nothing is published on further ones. Of all
+    /// watchers together: the stream does not tell who subscribes. Watchers are clients, too, if
+    /// they are to see anything that they have missed, and so within clients_max.
+    std::size_t topics_max = 20'000;
     std::uint32_t repair_tiles_max = 256; ///< in one answer
     std::uint64_t repair_bytes_max = std::uint64_t{4}
                                      << 20;  ///< in one answer, but for its first tile

@@ -105,6 +105,54 @@ TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else 
     CHECK(farm.dispatcher.job_count() == 2);
 }
 
+TEST_CASE("one client's pictures take client_bytes_max until they are over; others have room") {
+    Limits limits;
+    limits.client_bytes_max = 7'000; // a picture of 2 tiles takes 2 x (1200 + 300)
+    Farm farm(limits);
+    const auto answer_to = [&farm](const Message& message) {
+        farm.forget("client");
+        farm.say("client", message);
+        return farm.heard<Refused>("client") ? std::optional(farm.last<Refused>("client").code)
+                                             : std::nullopt;
+    };
+    farm.submit(1, 2);
+    farm.submit(2, 2);
+    CHECK(answer_to(Farm::picture(3, 2)) == RefusalCode::limit_exceeded);
+    farm.submit("other", Farm::picture(4, 2));
+    CHECK(farm.state(id_of<JobId>(4)).phase == JobPhase::queued);
+    farm.say("client", ControlJob{id_of<JobId>(1), JobDeed::cancel, 0});
+    CHECK(answer_to(Farm::picture(3, 2)) == std::nullopt);
+    CHECK(farm.dispatcher.job_count() == 4); // and none was forgotten for it
+    CHECK(answer_to(ControlJob{id_of<JobId>(1), JobDeed::retry, 0}) == RefusalCode::limit_exceeded);
+    farm.say("client", Goodbye{});
+    farm.submit("another connection", Farm::picture(5, 2));
+    CHECK(farm.state(id_of<JobId>(5)).phase == JobPhase::queued);
+}
+
+TEST_CASE("a job that is tried again needs room as a new one") {
+    const auto answer = [](Farm& farm) {
+        farm.forget("client");
+        farm.say("client", ControlJob{id_of<JobId>(1), JobDeed::retry, 0});
+        return farm.heard<Refused>("client") ? std::optional(farm.last<Refused>("client").code)
+                                             : std::nullopt;
+    };
+    for (const Limits& limits : {Limits{.jobs_max = 1}, Limits{.stored_bytes_max = 4'000}}) {
+        CAPTURE(limits.jobs_max);
+        Farm farm(limits);
+        farm.submit(1, 2);
+        farm.say("client", ControlJob{id_of<JobId>(1), JobDeed::cancel, 0});
+        farm.submit(2, 2);
+        CHECK(answer(farm) == RefusalCode::limit_exceeded);
+        CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::cancelled);
+        farm.worker_arrives("w", 1, 1, 2);
+        for (const RenderTile& tile : farm.tiles("w"))
+            farm.render("w", tile);
+        REQUIRE(farm.state(id_of<JobId>(2)).phase == JobPhase::done); // 3000 bytes of it are here
+        CHECK(answer(farm) == std::nullopt);
+        CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::running);
+    }
+}
+
 TEST_CASE("scenes beyond blob_bytes_max are refused") {
     Limits limits;
     limits.blob_bytes_max = 50;

@@ -146,6 +146,20 @@ TEST_CASE("passes count among a job's tiles") {
     CHECK(farm.last<Refused>("client").code == RefusalCode::invalid);
 }
 
+TEST_CASE("of the passes as many are drawn as there is room for in client_bytes_max") {
+    // A pass of 3 tiles of 10 x 10 pixels takes 3 x (100 x 20 + 300) bytes.
+    Farm farm(Limits{.client_bytes_max = 2 * 6'900 + 100});
+    farm.worker_arrives("w", 1, 1, 2);
+    const JobId job = farm.submit("client", limited(3, 10s));
+    CHECK(render_tiles(farm, 100).size() == 6);
+    CHECK(farm.state(job).phase == JobPhase::done);
+
+    Farm small(Limits{.client_bytes_max = 6'899});
+    small.client_arrives("client");
+    small.say("client", limited(3, 10s));
+    CHECK(small.last<Refused>("client").code == RefusalCode::limit_exceeded);
+}
+
 TEST_CASE("of the passes as many are drawn as there is room for in stored_bytes_max") {
     // A pass of 3 tiles of 10 x 10 pixels takes 3 x (100 x 20 + 300) bytes.
     Farm farm(Limits{.stored_bytes_max = 2 * 6'900 + 100});
