@@ -244,7 +244,9 @@ double Dispatcher::joined_work_max(const WorkerSession& worker) const {
 
 double Dispatcher::tile_time_min_s() const {
     const double threads = capacity_ / std::max(speed_.rays_per_s(), 1e-9);
-    return std::max(seconds(limits_.tile_time_min), threads / limits_.tiles_per_s_max);
+    // Workers may say anything of their threads.
+    return std::min(std::max(seconds(limits_.tile_time_min), threads / limits_.tiles_per_s_max),
+                    seconds(limits_.tile_time_max));
 }
 
 bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job) {

@@ -257,8 +257,10 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
 
 void Session::on_message(Turn& turn, const protocol::CancelTile& message) {
     const auto at = find_tile(message.job, message.tile, message.attempt);
-    if (at != tiles_.end()) // else it was answered before this came
-        fail_tile(turn, at, FailureCode::cancelled, "cancelled by the broker");
+    if (at == tiles_.end())
+        return; // it was answered before this came
+    turn.log(LogLevel::debug, name_of(at->second.order) + ": cancelled by the broker");
+    fail_tile(turn, at, FailureCode::cancelled, "cancelled by the broker");
 }
 
 template <class M>

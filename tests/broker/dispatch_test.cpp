@@ -1,6 +1,7 @@
 // Who gets which tile: sizes, probes, speeds, wishes, schedules, and help for those who are late.
 #include "tests/broker/farm.hpp"
 
+#include "common/protocol/limits.hpp"
 #include "common/protocol/probe.hpp"
 #include "common/protocol/settings.hpp"
 
@@ -164,6 +165,119 @@ TEST_CASE("an automatic job is probed once, by a few rays, and a fixed one is no
     farm.render("w", tiles[1]);
     for (const auto& tile : farm.tiles("w"))
         CHECK(tile.probe_side == 0);
+}
+
+TEST_CASE("a probe has probe_squares_max squares at most, which a worker takes") {
+    CHECK(Limits{}.probe_squares_max <= protocol::probe_squares_max);
+    const auto squares = [](std::uint64_t squares_max, std::uint32_t side) {
+        Limits limits;
+        limits.probe_squares_max = squares_max;
+        Farm farm(limits);
+        farm.worker_arrives("w", 1, 1, 2);
+        farm.submit("client", automatic(1, side, side));
+        const RenderTile probe = farm.tiles("w").at(0);
+        REQUIRE(probe.probe_side > 0);
+        return probe_squares(probe.rect, probe.probe_side);
+    };
+    CHECK(squares(16, 256) <= 16);
+    CHECK(squares(Limits{}.probe_squares_max, 256) > 16);
+    CHECK(squares(Limits{}.probe_squares_max, 4096) <= Limits{}.probe_squares_max);
+    CHECK(squares(1 << 20, 4096) > Limits{}.probe_squares_max);
+}
+
+namespace {
+
+/// Tiles, but for the probe, of a picture of 512 x 512 pixels at 100,000 rays a second.
+std::size_t tiles_drawn(const Limits& limits) {
+    Farm farm(limits);
+    farm.worker_arrives("w", 1, 1, 1);
+    const JobId job = farm.submit("client", automatic(1, 512, 512));
+    std::size_t count = 0;
+    for (auto tiles = farm.tiles("w"); !tiles.empty(); tiles = farm.tiles("w")) {
+        REQUIRE(tiles.size() == 1);
+        if (tiles[0].probe_side > 0) {
+            farm.say("w", probed(tiles[0], [](PixelRect) { return 1.0f; }));
+            continue;
+        }
+        ++count;
+        TileRendered answer = Farm::answer(tiles[0]);
+        answer.elapsed = std::chrono::microseconds(10 * tiles[0].rect.pixel_count());
+        farm.now = farm.now + answer.elapsed;
+        farm.say("w", answer);
+    }
+    CHECK(farm.state(job).phase == JobPhase::done);
+    return count;
+}
+
+} // namespace
+
+TEST_CASE("tiles take tile_time_min at least, tile_time_max at most, a second has so many") {
+    constexpr std::size_t blocks = 64; // of 64 x 64 pixels: larger no tile is
+    CHECK(tiles_drawn({}) > blocks);   // the last ones are small
+    CHECK(tiles_drawn({.tile_time_min = 1s}) == blocks);
+    CHECK(tiles_drawn({.tiles_per_s_max = 1}) == blocks);
+    CHECK(tiles_drawn({.tile_time_max = 10ms}) > 3 * blocks);
+}
+
+TEST_CASE("a worker of absurdly many threads does no harm") {
+    Farm farm;
+    farm.worker_arrives("w", 1, UINT32_MAX, 4);
+    const JobId job = farm.submit("client", automatic(1, 512, 512));
+    std::vector<RenderTile> open = farm.tiles("w");
+    for (std::size_t i = 0; i < open.size(); ++i) {
+        const RenderTile tile = open[i];
+        farm.now = farm.now + 5ms;
+        if (tile.probe_side > 0)
+            farm.say("w", probed(tile, [](PixelRect) { return 1.0f; }));
+        else
+            farm.render("w", tile);
+        for (const RenderTile& next : farm.tiles("w"))
+            open.push_back(next);
+    }
+    CHECK(farm.state(job).phase == JobPhase::done);
+}
+
+TEST_CASE("a late tile is given out again in overbooked_parts_max parts at most") {
+    const auto parts_most = [](Limits limits) {
+        limits.heartbeat = 1h; // nobody need beat
+        Farm farm(limits);
+        farm.worker_arrives("slow", 1, 1, 1'000); // so nothing is left to be given
+        farm.submit("client", automatic(1, 512, 512));
+        std::vector<RenderTile> late;
+        const auto look = [&] {
+            for (const RenderTile& tile : farm.tiles("slow"))
+                late.push_back(tile);
+        };
+        look();
+        REQUIRE(late.at(0).probe_side > 0);
+        farm.say("slow", probed(late[0], [](PixelRect) { return 1.0f; }));
+        look();
+        TileRendered first = Farm::answer(late.at(1)); // and how slow it is, is known
+        first.elapsed = 10s;
+        farm.now = farm.now + 10s;
+        farm.say("slow", first);
+        look();
+        late.erase(late.begin(), late.begin() + 2);
+        farm.worker_arrives("fast", 2, 64, 64);
+        for (int i = 0; i < 100; ++i) {
+            farm.event(Tick{});
+            const auto parts = farm.tiles("fast");
+            farm.now = farm.now + 50ms; // it has had them for longer than it says
+            for (const RenderTile& part : parts)
+                farm.render("fast", part);
+        }
+        CHECK(farm.dispatcher.counters().tiles_overbooked > 0);
+        const std::string words = "given out once more in ";
+        std::uint64_t most = 0;
+        for (const Log& log : farm.logs)
+            if (const auto at = log.text.find(words); at != std::string::npos)
+                most =
+                    std::max<std::uint64_t>(most, std::stoull(log.text.substr(at + words.size())));
+        return most;
+    };
+    CHECK(parts_most({}) > 3);
+    CHECK(parts_most({}) <= 16);
+    CHECK(parts_most({.overbooked_parts_max = 3}) == 3);
 }
 
 TEST_CASE("where a probe finds much is where the next tile is") {
