@@ -3,6 +3,8 @@
 #include "common/base/assert.hpp"
 #include "common/base/text.hpp"
 
+#include <algorithm>
+
 namespace fraja::client {
 namespace {
 
@@ -73,6 +75,13 @@ std::string frame_file(std::string_view pattern, std::uint32_t frame) {
         number.insert(0, place->digits - number.size(), '0');
     return std::string(pattern.substr(0, place->begin)) + number +
            std::string(pattern.substr(place->end));
+}
+
+std::uint32_t frames_at_a_time(const protocol::PictureSettings& settings) {
+    const std::uint64_t bytes =
+        std::max<std::uint64_t>(1, settings.crop.pixel_count() * settings.pixel_bytes());
+    return static_cast<std::uint32_t>(
+        std::clamp<std::uint64_t>(frames_bytes_max / bytes, 1, frames_at_a_time_max));
 }
 
 } // namespace fraja::client

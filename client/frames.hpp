@@ -1,7 +1,9 @@
-// The numbers of a film's frames: which of them are wanted, and the names of their files.
+// The numbers of a film's frames: which of them are wanted, how many at a time, and the names of
+// their files.
 #pragma once
 
 #include "common/base/result.hpp"
+#include "common/protocol/settings.hpp"
 
 #include <cstdint>
 #include <optional>
@@ -24,5 +26,12 @@ struct FrameRange {
 [[nodiscard]] Result<void> check_frame_pattern(std::string_view pattern);
 /// Of a pattern that is good.
 [[nodiscard]] std::string frame_file(std::string_view pattern, std::uint32_t frame);
+
+inline constexpr std::uint32_t frames_at_a_time_max = 64;
+/// Of the pictures that are held meanwhile.
+inline constexpr std::uint64_t frames_bytes_max = std::uint64_t{1} << 30;
+
+/// How many frames are submitted at a time, 1 at least.
+[[nodiscard]] std::uint32_t frames_at_a_time(const protocol::PictureSettings& settings);
 
 } // namespace fraja::client

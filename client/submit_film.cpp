@@ -1,6 +1,7 @@
 #include "client/submit_film.hpp"
 
 #include "client/film_scenes.hpp"
+#include "client/frames.hpp"
 #include "client/json.hpp"
 #include "client/local/local_farm.hpp"
 #include "client/picture.hpp"
@@ -426,13 +427,6 @@ private:
 };
 
 } // namespace
-
-std::uint32_t frames_at_a_time(const protocol::PictureSettings& settings) {
-    const std::uint64_t bytes =
-        std::max<std::uint64_t>(1, settings.crop.pixel_count() * settings.pixel_bytes());
-    return static_cast<std::uint32_t>(
-        std::clamp<std::uint64_t>(frames_bytes_max / bytes, 1, frames_at_a_time_max));
-}
 
 int run_submit_film(const SubmitOptions& options, const net::SignalWatch* signals) {
     return FilmProgram(options, signals).run();

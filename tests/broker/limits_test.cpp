@@ -153,6 +153,45 @@ TEST_CASE("a job that is tried again needs room as a new one") {
     }
 }
 
+TEST_CASE("of forgotten jobs the newest tombstones_max do not come again") {
+    Limits limits;
+    limits.finished_jobs_max = 1;
+    limits.tombstones_max = 2;
+    Farm farm(limits);
+    for (std::uint8_t id = 1; id <= 5; ++id) {
+        farm.submit(id, 1);
+        farm.say("client", ControlJob{id_of<JobId>(id), JobDeed::cancel, 0});
+    }
+    for (std::uint8_t id = 1; id <= 4; ++id) {
+        CAPTURE(static_cast<int>(id));
+        farm.forget("client");
+        farm.say("client", Farm::picture(id, 1));
+        if (id <= 2)
+            CHECK(farm.last<JobState>("client").job == id_of<JobId>(id));
+        else
+            CHECK(farm.last<Refused>("client").code == RefusalCode::conflict);
+    }
+}
+
+TEST_CASE("more than dealt_cells_max tiles of a fixed size are not dealt out at once") {
+    Limits limits;
+    limits.dealt_cells_max = 4;
+    for (const Schedule schedule : {Schedule::demand, Schedule::equal, Schedule::weighted})
+        for (const std::uint32_t tiles : {4u, 5u}) {
+            CAPTURE(static_cast<int>(schedule));
+            CAPTURE(tiles);
+            Farm farm(limits);
+            farm.client_arrives("client");
+            SubmitJob picture = Farm::picture(1, tiles);
+            picture.wishes.schedule = schedule;
+            farm.say("client", picture);
+            if (tiles == 4 || schedule == Schedule::demand)
+                CHECK(farm.heard<JobState>("client"));
+            else
+                CHECK(farm.last<Refused>("client").code == RefusalCode::invalid);
+        }
+}
+
 TEST_CASE("scenes beyond blob_bytes_max are refused") {
     Limits limits;
     limits.blob_bytes_max = 50;
@@ -186,6 +225,10 @@ TEST_CASE("submissions that make no sense are refused") {
                      s.settings.crop = {0, 0, 1024, cells_per_job_max / 1024 + 1};
                      s.tile_side = 1;
                  }},
+             Row{"too many tags", [](SubmitJob& s) { s.wishes.tags.assign(tags_max + 1, "t"); }},
+             Row{"a tag too long",
+                 [](SubmitJob& s) { s.wishes.tags = {std::string(name_bytes_max + 1, 't')}; }},
+             Row{"an empty tag", [](SubmitJob& s) { s.wishes.tags = {""}; }},
              Row{"name too long",
                  [](SubmitJob& s) { s.job_name = std::string(name_bytes_max + 1, 'x'); }},
          }) {

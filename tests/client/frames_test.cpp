@@ -11,6 +11,15 @@
 namespace fraja::client {
 namespace {
 
+TEST_CASE("so many frames are submitted at a time as their pictures have room, and not too many") {
+    const auto at_a_time = [](std::uint32_t side) {
+        return frames_at_a_time({.size = {side, side}, .crop = {0, 0, side, side}});
+    };
+    CHECK(at_a_time(1) == frames_at_a_time_max);
+    CHECK(at_a_time(2'048) == frames_bytes_max / (2'048 * 2'048 * 12));
+    CHECK(at_a_time(16'384) == 1); // 3 GiB: alone it is drawn all the same
+}
+
 TEST_CASE("frames are written A, A-B or A-BxS and nothing else") {
     struct Row {
         std::string_view text;

@@ -104,6 +104,24 @@ TEST_CASE("fraja-submit reads every option") {
     CHECK_FALSE(o.own_farm());
 }
 
+namespace {
+
+std::string repeated(int count, const std::string& text) {
+    std::string all;
+    for (int i = 0; i < count; ++i)
+        all += text;
+    return all;
+}
+
+std::string endpoints(int count) {
+    std::string all = "h:1";
+    for (int port = 2; port <= count; ++port)
+        all += ",h:" + std::to_string(port);
+    return all;
+}
+
+} // namespace
+
 TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the option") {
     struct Row {
         std::string line, named;
@@ -173,6 +191,12 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj -b pgm://h:1", "--broker pgm://h:1"},
                            Row{"a.raj --connect-timeout soon", "--connect-timeout soon"},
                            Row{"a.raj --progress fancy", "--progress"},
+                           Row{"a.raj --local -j 2049", "--threads"},
+                           Row{"a.raj --max-workers 1000001", "--max-workers"},
+                           Row{"a.raj --direct " + endpoints(10'001), "--direct: at most 10000"},
+                           Row{"a.raj -b " + endpoints(65), "--broker: at most 64"},
+                           Row{"a.raj" + repeated(65, " --tag t"), "--tag: at most 64"},
+                           Row{"a.raj --tag " + std::string(201, 't'), "--tag"},
                            Row{"a.raj -n " + std::string(201, 'n'), "--name"}}) {
         CAPTURE(row.line);
         const auto parsed = parse_submit_options(words(row.line));

@@ -245,6 +245,17 @@ TEST_CASE("session refuses tiles that no sound broker sends") {
                   t.settings.crop = {0, 0, 4000, 4000};
                   t.rect = {0, 0, 1025, 1};
               }},
+          Row{"a probe of too many squares",
+              [](RenderTile& t) {
+                  t.settings.size = {4097, 1};
+                  t.settings.crop = t.rect = {0, 0, 4097, 1};
+                  t.probe_side = 1;
+              }},
+          Row{"a probe of none",
+              [](RenderTile& t) {
+                  t.rect.width = 0;
+                  t.probe_side = 1;
+              }},
           Row{"depth", [](RenderTile& t) { t.settings.depth = depth_max + 1; }},
           Row{"aa", [](RenderTile& t) { t.settings.aa = UINT32_MAX; }},
           Row{"no pixels",
@@ -259,6 +270,17 @@ TEST_CASE("session refuses tiles that no sound broker sends") {
         row.spoil(tile);
         CHECK(failure(driver.receive(tile)).starts_with("machine: "));
     }
+}
+
+TEST_CASE("session takes a probe of probe_squares_max squares") {
+    const TestScene scene(10);
+    SessionDriver driver;
+    driver.connect();
+    RenderTile probe = order(scene, 0);
+    probe.settings.size = {probe_squares_max, 1};
+    probe.settings.crop = probe.rect = {0, 0, probe_squares_max, 1};
+    probe.probe_side = 1;
+    CHECK(failure(driver.receive(probe)) == "0 failures");
 }
 
 TEST_CASE("session takes no tile beyond its credit, and none twice") {

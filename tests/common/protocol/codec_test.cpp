@@ -262,6 +262,17 @@ TEST_CASE("arrays nest as deep as nesting_max and no deeper") {
     CHECK_FALSE(nested(nesting_max + 1));
 }
 
+TEST_CASE("a string has string_bytes_max bytes and no more") {
+    const auto of_length = [](std::size_t length) {
+        Bytes body = raw(
+            {0x91, 0xda, static_cast<unsigned>(length >> 8), static_cast<unsigned>(length & 255)});
+        body.insert(body.end(), length, std::byte{'x'});
+        return decode(frames_of(header_of(FindJob::type), body)).has_value();
+    };
+    CHECK(of_length(string_bytes_max));
+    CHECK_FALSE(of_length(string_bytes_max + 1));
+}
+
 TEST_CASE("random and mutated bytes never do harm") {
     for_each_seed(3'000, [](Rng& rng) {
         const Packet packet = encode(random_message(rng));
