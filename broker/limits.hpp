@@ -69,4 +69,9 @@ struct Limits {
     Duration farm_interval = std::chrono::milliseconds(500);
 };
 
+/// Of all peers: a client follows the stream by a second one.
+[[nodiscard]] constexpr std::size_t connections_max(const Limits& limits) {
+    return limits.workers_max + 2 * limits.clients_max;
+}
+
 } // namespace fraja::broker

@@ -5,6 +5,7 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "worker/options.hpp"
 
@@ -86,6 +87,16 @@ Result<void> complete_upstream(broker::UpstreamOptions& upstream) {
     as_worker.name = upstream.name;
     as_worker.tags = upstream.tags;
     return worker::validate(as_worker);
+}
+
+/// The system's own limit is often below ours: then it is raised, or people are told.
+void make_room_for_peers(const broker::Limits& limits, spdlog::logger& logger) {
+    const std::size_t wanted = broker::connections_max(limits);
+    const std::size_t room = net::reserve_connections(wanted);
+    if (room < wanted)
+        logger.warn("there is room for {} connections, and {} workers and {} clients take {}: the "
+                    "system lets this process have no more file descriptors (ulimit -Hn)",
+                    room, limits.workers_max, limits.clients_max, wanted);
 }
 
 /// What is in the store, for people.
@@ -227,6 +238,7 @@ int main(int argc, char** argv) {
             logger->info("jobs are kept in {}", arguments.state);
     };
 
+    make_room_for_peers(options.limits, *logger);
     const net::Context context;
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);

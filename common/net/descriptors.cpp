@@ -1,5 +1,6 @@
 #include "common/net/descriptors.hpp"
 
+#include <algorithm>
 #include <string>
 #include <sys/resource.h>
 
@@ -24,6 +25,20 @@ Result<void> reserve_descriptors(std::size_t sockets) {
                                                 std::to_string(needed) +
                                                 " file descriptors, and this process may have " +
                                                 std::to_string(hard) + " (ulimit -Hn)"};
+}
+
+std::size_t reserve_connections(std::size_t wanted) {
+    const rlim_t needed = wanted + others;
+    rlimit limit{};
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0)
+        return wanted; // nobody counts
+    const rlim_t soft = limit.rlim_cur;
+    if (soft < needed) {
+        limit.rlim_cur = std::min(needed, limit.rlim_max);
+        if (setrlimit(RLIMIT_NOFILE, &limit) != 0)
+            limit.rlim_cur = soft;
+    }
+    return limit.rlim_cur <= others ? 0 : std::min<std::size_t>(wanted, limit.rlim_cur - others);
 }
 
 } // namespace fraja::net

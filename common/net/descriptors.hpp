@@ -12,4 +12,8 @@ namespace fraja::net {
 /// (limit_exceeded) names the limit.
 [[nodiscard]] Result<void> reserve_descriptors(std::size_t sockets);
 
+/// The same for connections to sockets that are bound, but with what can be had: returns how many
+/// there is room for, at most `wanted`.
+[[nodiscard]] std::size_t reserve_connections(std::size_t wanted);
+
 } // namespace fraja::net

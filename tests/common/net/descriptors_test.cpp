@@ -33,3 +33,19 @@ TEST_CASE("descriptors are reserved up to the hard limit, and what is beyond it 
     CHECK(refused.error().message.find("ulimit -Hn") != std::string::npos);
     REQUIRE(setrlimit(RLIMIT_NOFILE, &before) == 0);
 }
+
+TEST_CASE("connections get the descriptors that they need, or as many as can be had") {
+    const rlimit before = descriptor_limit();
+    REQUIRE(before.rlim_max >= 400);
+    rlimit low = before;
+    low.rlim_cur = 200;
+    REQUIRE(setrlimit(RLIMIT_NOFILE, &low) == 0);
+    CHECK(reserve_connections(50) == 50);
+    CHECK(descriptor_limit().rlim_cur == 200); // enough as it is
+    CHECK(reserve_connections(300) == 300);
+    CHECK(descriptor_limit().rlim_cur == 400);
+    const std::size_t all = reserve_connections(std::size_t{1} << 40);
+    CHECK(descriptor_limit().rlim_cur == before.rlim_max);
+    CHECK(all == before.rlim_max - 100);
+    REQUIRE(setrlimit(RLIMIT_NOFILE, &before) == 0);
+}
