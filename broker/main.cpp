@@ -71,16 +71,24 @@ Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
 }
 
 /// The endpoint as sockets take it.
-Result<void> complete_upstream(broker::UpstreamOptions& upstream) {
+Result<void> complete_upstream(broker::Options& options) {
+    broker::UpstreamOptions& upstream = options.upstream;
     if (upstream.broker.empty())
         return {};
     const auto endpoint = net::parse_endpoint(upstream.broker, 50057);
     if (!endpoint)
         return Error{endpoint.error().code, "--upstream: " + endpoint.error().message};
+    if (endpoint->host == "*")
+        return Error{ErrorCode::invalid_argument,
+                     "--upstream " + upstream.broker +
+                         ": a place to listen at, not one to connect to"};
     if (endpoint->transport == net::Endpoint::Transport::tcp && endpoint->port == 0)
         return Error{ErrorCode::invalid_argument,
                      "--upstream " + upstream.broker + ": port 0 is for brokers to listen at"};
     upstream.broker = net::to_string(*endpoint);
+    if (const auto own = net::parse_endpoint(options.bind, 50057); own && *own == *endpoint)
+        return Error{ErrorCode::invalid_argument, "--upstream " + upstream.broker +
+                                                      ": that is where this broker listens itself"};
     upstream.name = worker::default_worker_name();
     worker::WorkerOptions as_worker;
     as_worker.brokers = {upstream.broker};
@@ -213,7 +221,7 @@ int main(int argc, char** argv) {
     options.limits.keep = *keep;
     options.limits.heartbeat = *heartbeat;
     options.limits.lease = *lease;
-    if (const auto read = complete_upstream(options.upstream); !read)
+    if (const auto read = complete_upstream(options); !read)
         return usage_error(read.error().message);
     if (arguments.state.empty())
         arguments.state = default_state();
