@@ -10,6 +10,10 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <ctime>
+#include <optional>
+#include <sstream>
+#include <string>
 #include <vector>
 
 using namespace fraja;
@@ -177,7 +181,103 @@ private:
     std::uint32_t attempts_ = 0;
 };
 
+/// When a line of a program's log was written: it begins with that.
+Duration written_at(std::string_view line) {
+    std::tm time{};
+    int ms = 0;
+    REQUIRE(std::sscanf(std::string(line).c_str(), "%d-%d-%d %d:%d:%d.%d", &time.tm_year,
+                        &time.tm_mon, &time.tm_mday, &time.tm_hour, &time.tm_min, &time.tm_sec,
+                        &ms) == 7);
+    time.tm_year -= 1900;
+    --time.tm_mon;
+    return std::chrono::seconds(timegm(&time)) + std::chrono::milliseconds(ms);
+}
+
+/// A machine that is a tenth as fast as it was, until the line comes.
+std::optional<std::string> slowed_until(Process& slow, Process& speaker, const std::string& words) {
+    const auto has_come = [&](Duration timeout) {
+        return speaker.wait_for_line(
+            Process::Stream::err,
+            [&](std::string_view l) { return l.find(words) != std::string_view::npos; }, timeout);
+    };
+    std::optional<std::string> line;
+    for (const Instant end = net::now() + patience; !line && net::now() < end;) {
+        slow.send(SIGSTOP);
+        line = has_come(18ms);
+        slow.send(SIGCONT);
+        if (!line)
+            line = has_come(2ms);
+    }
+    return line;
+}
+
+/// What a worker's log says of its last cancelled tile of a job, and of a tile that it drew then.
+struct Freed {
+    Duration cancelled{}, next_done{};
+};
+std::optional<Freed> freed(const std::string& log, const std::string& job,
+                           const std::string& next) {
+    const auto of = [](const std::string& id, const char* fate) {
+        return " of job " + id.substr(0, 8) + ": " + fate;
+    };
+    std::optional<Duration> cancelled;
+    std::istringstream lines(log);
+    for (std::string line; std::getline(lines, line);) {
+        if (line.find(of(job, "cancelled")) != std::string::npos)
+            cancelled = written_at(line);
+        else if (line.find(of(job, "done")) != std::string::npos)
+            cancelled.reset(); // it was through with it
+        else if (cancelled && line.find(of(next, "done")) != std::string::npos)
+            return Freed{*cancelled, written_at(line)};
+    }
+    return std::nullopt;
+}
+
 } // namespace
+
+TEST_CASE("chaos: whoever was too late stops at once and goes on with something else") {
+    const Scratch scratch;
+    const Words picture = {scene("overlapping_spheres"),        "--kernel", "reference", "-r",
+                           instrumented ? "100x75" : "400x300", "-a",       "2"};
+    // Neither is lost when it is stopped for a while.
+    Farm farm({"--heartbeat", "5s", "--log-level", "debug"});
+    farm.add_worker("slow", {"-j", "1", "--tag", "slow", "--log-level", "debug"});
+    farm.add_worker("fast", {"-j", "1"});
+    std::optional<Freed> measured;
+    Duration all_done{};
+    for (int round = 0; round < 5 && !measured; ++round) {
+        const std::string job = farm.detach(picture);
+        Process watcher = farm.watch(job, {"--json", "-o", scratch.file("farm.png")});
+        wait_for_tiles(watcher, 6); // so the two are thought to be equally fast
+        // When it is free it draws this, and nobody else does.
+        const std::string next =
+            farm.detach({scene("cone"), "-r", "1x1", "--tile", "1", "--tag", "slow", "-p", "-1"});
+        const auto done = slowed_until(farm.worker(0), farm.broker(), job + " is done");
+        REQUIRE(done.has_value());
+        all_done = written_at(*done);
+        CHECK(watcher.wait_for_exit(patience) == 0);
+        Process last = farm.watch(next, {"--json"});
+        CHECK(last.wait_for_exit(patience) == 0);
+        const auto said = farm.worker(0).wait_for_line(
+            Process::Stream::err,
+            [&](std::string_view l) {
+                return l.find(" of job " + next.substr(0, 8) + ": done") != std::string_view::npos;
+            },
+            patience);
+        REQUIRE(said.has_value());
+        measured = freed(farm.worker(0).err(), job, next);
+    }
+    CHECK((bytes_of(scratch.file("farm.png")) == local_picture(scratch, picture)));
+    INFO(farm.worker(0).story());
+    CHECK(farm.broker().err().find("late on slow, given out once more") != std::string::npos);
+    REQUIRE(measured.has_value());
+    std::printf("an overbooked tile's loser: it heard of it %.0f ms after the picture was done, "
+                "and had drawn its next tile %.0f ms later\n",
+                ms(measured->cancelled - all_done), ms(measured->next_done - measured->cancelled));
+    const Duration at_most = instrumented ? Duration(5s) : Duration(1s); // the machine is busy
+    CHECK(measured->next_done - measured->cancelled <= at_most);
+    CHECK(measured->cancelled - all_done <= at_most);
+}
 
 TEST_CASE(
     "chaos: what a killed or stopped worker had is given to another within three heartbeats") {
