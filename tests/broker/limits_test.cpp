@@ -304,17 +304,23 @@ TEST_CASE("a beat cannot raise the credit beyond credit_max") {
 }
 
 TEST_CASE("one answer to repair is bounded in tiles and bytes") {
-    Limits limits;
-    limits.repair_tiles_max = 4;
-    limits.repair_bytes_max = 3'000;
-    Farm farm(limits);
-    const JobId job = farm.submit(1, 6);
-    farm.worker_arrives("w", 1, 6, 6);
-    for (const auto& tile : farm.tiles("w"))
-        farm.render("w", tile);
-    farm.say("client", Repair{job, 1'000'000, {}});
-    CHECK(farm.all<TileDone>("client").size() == 2); // 1200 bytes each
-    CHECK(farm.last<RepairDone>("client").remaining_count == 4);
+    struct Row {
+        Limits limits;
+        std::size_t sent;
+    };
+    for (const Row& row :
+         {Row{{.repair_tiles_max = 4}, 4}, Row{{.repair_bytes_max = 3'000}, 2}, // 1200 bytes each
+          Row{{.repair_bytes_max = 1}, 1}}) { // but for the first one
+        CAPTURE(row.sent);
+        Farm farm(row.limits);
+        const JobId job = farm.submit(1, 6);
+        farm.worker_arrives("w", 1, 6, 6);
+        for (const auto& tile : farm.tiles("w"))
+            farm.render("w", tile);
+        farm.say("client", Repair{job, 1'000'000, {}});
+        CHECK(farm.all<TileDone>("client").size() == row.sent);
+        CHECK(farm.last<RepairDone>("client").remaining_count == 6 - row.sent);
+    }
 }
 
 TEST_CASE("the farm's state names at most farm_jobs_max jobs and farm_workers_max workers") {
