@@ -90,6 +90,7 @@ void Session::step(Instant now, const Event& event, std::vector<Action>& actions
     Turn turn{now, actions};
     std::visit([&](const auto& e) { on(turn, e); }, event);
     tidy_shelf(turn);
+    admit_waiting(turn);
     leave_when_done(turn);
 }
 
@@ -238,21 +239,41 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         count_oddity(turn, name_of(message) + ": " + valid.error().message);
         return refuse(FailureCode::machine, valid.error().message);
     }
-    const SceneOnShelf* known = shelf_.find(message.scene);
-    if (known && known->total_bytes != message.scene_bytes)
-        return refuse(FailureCode::machine, "the scene's size is not the one told before");
-    if (known && known->stage == Stage::refused)
-        return refuse(FailureCode::scene, known->reason);
-    if (!known && shelf_.scenes().size() >= credit() + limits_.shelf.idle_count_max)
-        return refuse(FailureCode::machine, "too many scenes at once");
+    ++waiting_count_;
+    admit(turn, tiles_.emplace(Ticket{++tickets_}, Tile{.order = message}).first);
+}
 
-    const Ticket ticket{++tickets_};
-    Tile& tile = tiles_.emplace(ticket, Tile{.order = message}).first->second;
-    SceneOnShelf& scene = shelf_.use(message.scene, message.scene_bytes);
+/// Starts it, or has its scene fetched. Scenes that nobody needs any more may still be compiled:
+/// where there are too many of them it waits.
+void Session::admit(Turn& turn, Tiles::iterator at) {
+    Tile& tile = at->second;
+    const protocol::RenderTile& order = tile.order;
+    const SceneOnShelf* known = shelf_.find(order.scene);
+    if (known && known->total_bytes != order.scene_bytes)
+        return fail_tile(turn, at, FailureCode::machine,
+                         "the scene's size is not the one told before");
+    if (known && known->stage == Stage::refused)
+        return fail_tile(turn, at, FailureCode::scene, std::string(known->reason));
+    if (!known && shelf_.scenes().size() >= credit() + limits_.shelf.idle_count_max)
+        return;
+    tile.holds_scene = true;
+    --waiting_count_;
+    SceneOnShelf& scene = shelf_.use(order.scene, order.scene_bytes);
     if (scene.stage == Stage::ready)
-        start_tile(turn, ticket, tile);
+        start_tile(turn, at->first, tile);
     else if (!known)
-        ask_chunk(turn, message.scene, scene);
+        ask_chunk(turn, order.scene, scene);
+}
+
+void Session::admit_waiting(Turn& turn) {
+    if (waiting_count_ == 0)
+        return;
+    for (auto at = tiles_.begin(); at != tiles_.end();) {
+        const auto next = std::next(at);
+        if (!at->second.holds_scene)
+            admit(turn, at);
+        at = next;
+    }
 }
 
 void Session::on_message(Turn& turn, const protocol::CancelTile& message) {
@@ -276,7 +297,7 @@ void Session::on(Turn& turn, const SceneCompiled& event) {
         return;
     scene->stage = Stage::ready;
     for (auto& [ticket, tile] : tiles_)
-        if (tile.order.scene == event.scene)
+        if (tile.order.scene == event.scene && tile.holds_scene)
             start_tile(turn, ticket, tile);
 }
 
@@ -504,7 +525,10 @@ void Session::start_tile(Turn& turn, Ticket ticket, Tile& tile) {
 Session::Tiles::iterator Session::forget_tile(Turn& turn, Tiles::iterator at) {
     if (at->second.started)
         turn.actions.emplace_back(StopTile{at->first});
-    shelf_.release(at->second.order.scene);
+    if (at->second.holds_scene)
+        shelf_.release(at->second.order.scene);
+    else
+        --waiting_count_;
     return tiles_.erase(at);
 }
 

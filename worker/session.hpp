@@ -175,6 +175,7 @@ private:
         protocol::RenderTile order;
         std::uint64_t rays = 0;
         bool started = false;
+        bool holds_scene = false; ///< no: it waits for room on the shelf
     };
     using Tiles = std::map<Ticket, Tile>; // in order of arrival
 
@@ -221,6 +222,8 @@ private:
     void ask_chunk(Turn& turn, const ContentHash& hash, SceneOnShelf& scene);
     void ask_overdue_chunks(Turn& turn);
     void tidy_shelf(Turn& turn);
+    void admit(Turn& turn, Tiles::iterator at);
+    void admit_waiting(Turn& turn);
 
     [[nodiscard]] Tiles::iterator find_tile(JobId job, TileIndex tile, AttemptNumber attempt);
     void start_tile(Turn& turn, Ticket ticket, Tile& tile);
@@ -263,6 +266,7 @@ private:
     std::uint64_t tickets_ = 0;
     std::uint64_t tiles_received_ = 0; // in this session
     Tiles tiles_;
+    std::size_t waiting_count_ = 0; ///< of these, for room on the shelf
     SceneShelf shelf_;
 
     std::uint64_t rays_done_ = 0; // for the speed told in the next hello

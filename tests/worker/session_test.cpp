@@ -631,6 +631,55 @@ TEST_CASE("scenes that no tile needs are forgotten beyond the limits, in order o
     CHECK(sent<NeedChunk>(driver.receive(order(scenes[0], 9))).size() == 1);
 }
 
+TEST_CASE("where cancelled tiles' scenes are still compiled, a tile waits until there is room") {
+    SessionDriver driver; // credit 4, and 8 idle scenes
+    driver.connect();
+    std::vector<TestScene> scenes;
+    for (std::uint32_t i = 0; i < 13; ++i)
+        scenes.emplace_back(20 + i);
+    for (std::uint32_t i = 0; i < 12; ++i) { // each is given up while its scene is compiled
+        (void)driver.receive(order(scenes[i], i));
+        CHECK(of_type<CompileScene>(driver.receive(scenes[i].chunk(0))).size() == 1);
+        const RenderTile given = order(scenes[i], i);
+        CHECK(failure(driver.receive(CancelTile{given.job, given.tile, given.attempt})) ==
+              "cancelled: cancelled by the broker");
+    }
+    auto actions = driver.receive(order(scenes[12], 12));
+    CHECK(sent<NeedChunk>(actions).empty());
+    CHECK(sent<TileFailed>(actions).empty());
+    CHECK(of_type<StartTile>(driver.receive(order(scenes[0], 13))).empty()); // is compiled for it
+    actions = driver.step(SceneCompiled{scenes[1].hash});
+    CHECK(sent<NeedChunk>(actions).empty()); // it is idle, and one of 8
+    CHECK(of_type<StartTile>(driver.step(SceneCompiled{scenes[0].hash})).size() == 1);
+    for (std::uint32_t i = 2; i < 9; ++i)
+        CHECK(sent<NeedChunk>(driver.step(SceneCompiled{scenes[i].hash})).empty());
+    actions = driver.step(SceneCompiled{scenes[9].hash});
+    CHECK(of_type<ForgetScene>(actions).size() == 1);
+    CHECK(sent<NeedChunk>(actions) == std::vector{NeedChunk{scenes[12].hash, 0}});
+    (void)driver.receive(scenes[12].chunk(0));
+    CHECK(of_type<StartTile>(driver.step(SceneCompiled{scenes[12].hash})).size() == 1);
+}
+
+TEST_CASE("a tile that waits for room can be cancelled") {
+    SessionDriver driver;
+    driver.connect();
+    std::vector<TestScene> scenes;
+    for (std::uint32_t i = 0; i < 13; ++i)
+        scenes.emplace_back(20 + i);
+    for (std::uint32_t i = 0; i < 12; ++i) {
+        (void)driver.receive(order(scenes[i], i));
+        (void)driver.receive(scenes[i].chunk(0));
+        const RenderTile given = order(scenes[i], i);
+        (void)driver.receive(CancelTile{given.job, given.tile, given.attempt});
+    }
+    const RenderTile waiting = order(scenes[12], 12);
+    (void)driver.receive(waiting);
+    CHECK(failure(driver.receive(CancelTile{waiting.job, waiting.tile, waiting.attempt})) ==
+          "cancelled: cancelled by the broker");
+    for (std::uint32_t i = 0; i < 12; ++i)
+        CHECK(sent<NeedChunk>(driver.step(SceneCompiled{scenes[i].hash})).empty());
+}
+
 TEST_CASE("hostile heartbeats are taken as the nearest that makes sense") {
     for (const Duration heartbeat : {Duration::min(), Duration::zero(), Duration::max()})
         for (const std::uint32_t liveness : {0u, UINT32_MAX}) {
