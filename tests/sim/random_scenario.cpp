@@ -129,6 +129,8 @@ void add_film(Rng& rng, Scenario& s) {
     frame.settings.time_limit = {};
     frame.wishes.schedule = protocol::Schedule::demand;
     frame.wishes.film.bytes[0] = 1;
+    if (std::ranges::any_of(s.workers, [](const WorkerPlan& w) { return w.rays_per_s < 1e5; }))
+        frame.wishes.workers_max = 0; // one of these would keep the only place for hours
     const std::size_t frames = 2 + rng.below(8);
     for (std::size_t i = 0; i < frames; ++i) {
         frame.at += between(rng, 0s, 2s);
