@@ -553,6 +553,7 @@ std::vector<Job::Unwanted> Job::drop_unfinished() {
     open_.clear();
     requeued_.clear();
     pending_.clear();
+    std::ranges::fill(fresh_blocks_, OpenTileId::none);
     for (const auto& [peer, tiles] : workers_)
         party_->remove(peer, tiles);
     workers_.clear();

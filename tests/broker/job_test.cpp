@@ -120,6 +120,13 @@ TEST_CASE("what comes back is not joined, nor where an order was asked for") {
     REQUIRE(again);
     CHECK(again->tile == block->tile);
 
+    (void)desk.job.drop_unfinished(); // and what was dropped is no more
+    desk.at_work.clear();
+    (void)desk.job.revive();
+    const auto whole = desk.hand_out(2, 1e9);
+    REQUIRE(whole);
+    CHECK(desk.job.rect(whole->tile) == PixelRect{0, 0, 256, 256});
+
     SubmitJob s = automatic(256, 256);
     s.order = TileOrder::scan;
     Desk scan{Job(s, 1, "c"), 1e9};

@@ -19,6 +19,12 @@ constexpr auto usage = "fraja-sim [--hours H] [--from S] [--failures N] | --seed
                        "INT and TERM end it after the farm at hand.\n";
 
 volatile std::sig_atomic_t asked_to_end = 0;
+std::uint64_t seed_at_hand = 0;
+
+/// An assertion has failed: which farm was that?
+void tell_seed(int) {
+    fmt::print(stderr, "seed {} died\n", seed_at_hand);
+}
 
 struct Options {
     double hours = 10;
@@ -55,6 +61,7 @@ int main(int argc, char** argv) {
     std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, seed = options.from;
     for (const int signal : {SIGINT, SIGTERM})
         std::signal(signal, [](int) { asked_to_end = 1; });
+    std::signal(SIGABRT, tell_seed);
     const auto goes_on = [&] {
         if (asked_to_end)
             return false;
@@ -62,6 +69,7 @@ int main(int argc, char** argv) {
                            : seconds(total) < 3600 * options.hours && failed < options.failures_max;
     };
     for (; goes_on(); ++seed) {
+        seed_at_hand = seed;
         sim::Scenario scenario = sim::random_scenario(seed);
         if (options.one)
             scenario.on_log = [](Instant now, const std::string& line) {
