@@ -212,11 +212,20 @@ std::size_t tiles_drawn(const Limits& limits) {
 } // namespace
 
 TEST_CASE("tiles take tile_time_min at least, tile_time_max at most, a second has so many") {
-    constexpr std::size_t blocks = 64; // of 64 x 64 pixels: larger no tile is
-    CHECK(tiles_drawn({}) > blocks);   // the last ones are small
-    CHECK(tiles_drawn({.tile_time_min = 1s}) == blocks);
-    CHECK(tiles_drawn({.tiles_per_s_max = 1}) == blocks);
+    constexpr std::size_t blocks = 64; // of 64 x 64 pixels: larger no tile is that is not joined
+    constexpr Duration never = 0s;
+    CHECK(tiles_drawn({.joined_time_max = never}) > blocks); // the last ones are small
+    CHECK(tiles_drawn({.tile_time_min = 1s, .joined_time_max = never}) == blocks);
+    CHECK(tiles_drawn({.tiles_per_s_max = 1, .joined_time_max = never}) == blocks);
     CHECK(tiles_drawn({.tile_time_max = 10ms}) > 3 * blocks);
+}
+
+TEST_CASE("blocks are joined as long as a tile takes no more than joined_time_max") {
+    constexpr std::size_t blocks = 64; // each takes 41 ms
+    const std::size_t some = tiles_drawn({.tile_time_min = 1s, .joined_time_max = 200ms});
+    CHECK(some < blocks / 2);
+    CHECK(some >= blocks / 4);
+    CHECK(tiles_drawn({.tile_time_min = 1s, .joined_time_max = 10s}) < some);
 }
 
 TEST_CASE("a worker of absurdly many threads does no harm") {
