@@ -36,23 +36,26 @@ def user_seconds(command, folder, env=None):
     return usage.ru_utime
 
 class Farm:
-    """A broker and workers of one thread each, on ports that the system picks."""
-    def __init__(self, programs, workers, folder):
-        self.programs = programs
+    """A broker and workers of one thread each, on ports that the system picks; `state`: the broker's --state."""
+    def __init__(self, programs, workers, folder, state='none'):
+        self.programs, self.state = programs, state
         self.log = open(os.path.join(folder, 'farm.log'), 'w')
         self.reader, self.told, self.seen = open(self.log.name), '', 0
         self.processes = [self.start_broker('tcp://127.0.0.1:0', 'tcp://127.0.0.1:0')]
-        for i in range(workers):
-            self.processes.append(subprocess.Popen([programs + '/fraja-worker', '-b', self.broker, '-j', '1', '--name', 'worker-%d' % i],
-                                                   stdout=self.log, stderr=self.log))
+        for _ in range(workers):
+            self.start_worker(1)
     def start_broker(self, bind, publish):
-        broker = subprocess.Popen([self.programs + '/fraja-broker', '--bind', bind, '--publish', publish, '--state', 'none'],
+        broker = subprocess.Popen([self.programs + '/fraja-broker', '--bind', bind, '--publish', publish, '--state', self.state],
                                   stdout=subprocess.PIPE, stderr=self.log, text=True)
         words = broker.stdout.readline().split() # listening ENDPOINT stream ENDPOINT
         if len(words) < 4:
             sys.exit('the broker did not come up')
         self.broker, self.stream = words[1], words[3]
         return broker
+    def start_worker(self, threads):
+        name = 'worker-%d' % (len(self.processes) - 1)
+        self.processes.append(subprocess.Popen([self.programs + '/fraja-worker', '-b', self.broker, '-j', str(threads), '--name', name],
+                                               stdout=self.log, stderr=self.log))
     def restart_broker(self):
         """Kills it, and starts another one in its place."""
         self.processes[0].kill()
@@ -114,3 +117,19 @@ def run_cpu_seconds(command):
 def resident_mb(pid):
     with open('/proc/%d/statm' % pid) as file:
         return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+def peak_resident_mb(pid):
+    """The most that a process has had so far."""
+    with open('/proc/%d/status' % pid) as file:
+        return next(int(line.split()[1]) for line in file if line.startswith('VmHWM:')) * 1024 / 1e6
+
+def peak_mb(command):
+    """The most that a program has from its start to its end; it must be content."""
+    # A process counts what it had before it became the program, so one starts it that has next to nothing.
+    start = ('import os, sys; child = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_OPEN, 1, '
+             '"/dev/null", os.O_WRONLY, 0)]); _, status, usage = os.wait4(child, 0); print(status, usage.ru_maxrss)')
+    told = subprocess.run([sys.executable, '-I', '-S', '-c', start, *command], stdout=subprocess.PIPE, text=True, check=True).stdout
+    status, peak_kib = map(int, told.split())
+    if status:
+        sys.exit('%s failed' % ' '.join(command))
+    return peak_kib * 1024 / 1e6
