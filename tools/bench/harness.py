@@ -1,5 +1,5 @@
 """What the benchmarks' scripts share."""
-import os, subprocess, sys, time
+import os, socket, struct, subprocess, sys, time
 
 def build_target(target):
     """Goes to the project's root and builds it there."""
@@ -133,3 +133,47 @@ def peak_mb(command):
     if status:
         sys.exit('%s failed' % ' '.join(command))
     return peak_kib * 1024 / 1e6
+
+class Sockets:
+    """What has come in through a process's TCP sockets, in bytes of payload, as the kernel counts it for each of them."""
+    def __init__(self, pid):
+        self.pid, self.received = pid, {}
+        self.diagnosis = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 4) # NETLINK_SOCK_DIAG
+    def bytes_received(self):
+        """So far, by those, too, that are closed now (as far as they had come when this was last asked)."""
+        own = self.inodes()
+        for family in socket.AF_INET, socket.AF_INET6:
+            self.received.update((inode, count) for inode, count in self.every_socket(family) if inode in own)
+        return sum(self.received.values())
+    def inodes(self):
+        """Of all its sockets; none when it has ended."""
+        folder, inodes = '/proc/%d/fd' % self.pid, set()
+        try:
+            names = os.listdir(folder)
+        except OSError:
+            return inodes
+        for name in names:
+            try:
+                kind, _, inode = os.readlink(os.path.join(folder, name)).partition(':')
+            except OSError: # closed in between
+                continue
+            if kind == 'socket':
+                inodes.add(int(inode.strip('[]')))
+        return inodes
+    def every_socket(self, family):
+        """Of the machine's TCP sockets inode and bytes received; sock_diag(7) has the structures."""
+        wish = struct.pack('=BBBxI48x', family, socket.IPPROTO_TCP, 1 << 1, 0xffffffff) # with tcp_info, in any state
+        self.diagnosis.send(struct.pack('=IHHII', 16 + len(wish), 20, 0x301, 0, 0) + wish) # SOCK_DIAG_BY_FAMILY; request, dump
+        while True:
+            told, at = self.diagnosis.recv(1 << 18), 0
+            while at < len(told):
+                size, kind = struct.unpack_from('=IH', told, at)
+                if kind != 20: # NLMSG_DONE, or an error
+                    return
+                inode, attribute = struct.unpack_from('=I', told, at + 16 + 68)[0], at + 16 + 72
+                while attribute < at + size:
+                    length, name = struct.unpack_from('=HH', told, attribute)
+                    if name == 2 and length >= 4 + 136: # INET_DIAG_INFO
+                        yield inode, struct.unpack_from('=Q', told, attribute + 4 + 128)[0] # tcpi_bytes_received
+                    attribute += max(length + 3 & ~3, 4)
+                at += size + 3 & ~3
