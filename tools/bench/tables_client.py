@@ -49,6 +49,8 @@ def measure(bench):
     percent, start, cpu, elapsed, samples = sorted(found)[len(found) // 2]
     bench.samples = [dict(zip(SAMPLES_HEADER, ('%.3f' % at, '%.2f' % cpu, '%.0f' % network))) for at, cpu, network in rates(samples)]
     after = [row[1] for row in rates(samples) if row[0] > (0 if bench.quick else 1 + INTERVAL)] # what starts is over by then
+    if samples[-1][2] == 0 and not bench.quick: # then it may have ended before anybody looked
+        sys.exit('this kernel does not tell what sockets have received')
     silent = max(at for at, _, received in samples if received == 0)
     yield bench.line('client', picture, workers=COUNT, elapsed_s='%.3f' % elapsed, start_cpu_s='%.3f' % start, cpu_s='%.3f' % (cpu - start),
                      cpu_percent='%.2f' % percent, greatest_cpu_percent='%.1f' % max(after, default=0), received_mb='%.3f' % (samples[-1][2] / 1e6),

@@ -52,8 +52,10 @@ COLUMNS = {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'w
            'elapsed, s': '{elapsed_s:.2f} ({least_s:.2f} to {greatest_s:.2f})', 'processor, s': '{cpu_s:.2f}'}
 TABLES = {
     'price': Table('The price of samples', 'price', HEADER, measure,
-                   'Factors over the row before, of half as many samples each way: of the time, the processor time and the rays.',
-                   {**COLUMNS, 'factors': '{factor}, {cpu_factor}, {rays_factor}', 'report': '{report}'}, lambda line: None),
+                   'Factors over the row before, of half as many samples each way: of the time, the processor time and the rays. '
+                   'Where others used the processors, too, the processor time tells what the picture itself took.',
+                   {**COLUMNS, 'factor of the time': '{factor}', 'of the processor time': '{cpu_factor}', 'of the rays': '{rays_factor}',
+                    'report': '{report}'}, lambda line: None),
     'showoff': Table('The show-off', 'price', HEADER, measure_show_off,
                      'What -a 2 and 4 say that it takes at 1600x1200; and, where that was more than %d minutes and so a smaller picture was '
                      'drawn, its time by the pixels.' % (LONGEST_S // 60),
