@@ -9,6 +9,12 @@ PICTURE, SAMPLES = GLASS._replace(size='1600x1200'), (1, 2, 4, 8)
 SHOW_OFF, LONGEST_S = PICTURE._replace(depth=500, aa=16), 25 * 60
 TOLD = 'one machine: 4 days 9 hours (estimated); 92 machines: 2 hours'
 
+def processor():
+    """What the system calls it."""
+    with open('/proc/cpuinfo') as file:
+        names = [line.partition(':')[2].strip() for line in file if line.startswith('model name')]
+    return (names or ['a processor'])[0].replace('(R)', '')
+
 def draw(bench, picture):
     """Seconds, processor time and rays; without the start of the process, that of a --dry-run."""
     start = harness.run_cpu_seconds(bench.words(picture) + ['--local', '--dry-run'])
@@ -22,7 +28,7 @@ def line(bench, table, picture, drawn, before=None, **columns):
     elapsed, cpu, rays = zip(*drawn)
     now = statistics.median(elapsed), statistics.median(cpu), rays[0]
     factors = ['%.3f' % (a / b) for a, b in zip(now, before)] if before else [''] * 3
-    told = {'workers': '%d threads' % os.cpu_count(), 'rays': now[2], 'elapsed_s': '%.3f' % now[0], 'least_s': '%.3f' % min(elapsed),
+    told = {'workers': '%d threads, %s' % (os.cpu_count(), processor()), 'rays': now[2], 'elapsed_s': '%.3f' % now[0], 'least_s': '%.3f' % min(elapsed),
             'greatest_s': '%.3f' % max(elapsed), 'cpu_s': '%.3f' % now[1], **dict(zip(('factor', 'cpu_factor', 'rays_factor'), factors)),
             'estimate_s': '', 'whole_s': '', 'report': '', **columns}
     return bench.line(table, picture, len(drawn), **told), now
@@ -48,7 +54,7 @@ def measure_show_off(bench):
     drawn = [draw(bench, picture)]
     yield line(bench, 'showoff', picture, drawn, estimate_s='%.1f' % estimate, whole_s='%.1f' % (parts * drawn[0][0]), report=TOLD)[0]
 
-COLUMNS = {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers}, real (--local)', 'rays': '{rays}',
+COLUMNS = {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers}; real (--local)', 'rays': '{rays}',
            'elapsed, s': '{elapsed_s:.2f} ({least_s:.2f} to {greatest_s:.2f})', 'processor, s': '{cpu_s:.2f}'}
 TABLES = {
     'price': Table('The price of samples', 'price', HEADER, measure,
