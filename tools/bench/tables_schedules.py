@@ -11,10 +11,10 @@ FRAMES, TRAVEL = 12, 'scenes/travels/cone.raj'
 FILM = CONE._replace(size='160x120')
 FILM_WORKERS = (8, 48)
 
-def line(bench, picture, frames, schedule, groups, rays, elapsed, mark):
+def line(bench, table, picture, frames, schedule, groups, rays, elapsed, mark):
     best = bench.best(rays, groups)
     median = statistics.median(elapsed)
-    return bench.line('schedules', picture, frames=frames, schedule=schedule, workers=speeds(groups), rays=rays,
+    return bench.line(table, picture, frames=frames, schedule=schedule, workers=speeds(groups), rays=rays,
                       best_s='%.4f' % best, **dict(zip(('elapsed_s', 'least_s', 'greatest_s'), spread(elapsed))),
                       ratio='%.4f' % (median / best), mark=mark or '')
 
@@ -28,7 +28,7 @@ def measure_ways(bench, picture):
         for _ in range(bench.runs):
             for way in WAYS:
                 elapsed[way].append(bench.seconds(picture, ['-b', farm.broker, '--schedule', way], best))
-    return [line(bench, picture, 1, way, MIXED, rays, elapsed[way], MARK if way == 'demand' else None) for way in WAYS]
+    return [line(bench, 'schedules', picture, 1, way, MIXED, rays, elapsed[way], MARK if way == 'demand' else None) for way in WAYS]
 
 def film(bench, picture, options, frames, name):
     """What fraja-submit tells of a film, and its pictures' bytes."""
@@ -66,23 +66,29 @@ def measure_film(bench, picture, count):
             single_s.append(sum(one['frames'][0]['elapsed_s'] for one, _ in singles))
             if drawn != pixels or [one for _, (one,) in singles] != pixels:
                 sys.exit('%s: the farm draws another film than --local' % (picture,))
-    return [line(bench, picture, FRAMES, schedule, ((count, 1),), rays, elapsed, None)
-            for schedule, elapsed in (('film: frames to machines', film_s), ('one frame after the other', single_s))]
+    return [line(bench, 'film', picture, FRAMES, schedule, ((count, 1),), rays, elapsed, None)
+            for schedule, elapsed in (('frames to machines', film_s), ('one frame after the other', single_s))]
 
 def measure(bench):
     for picture in (CONE, GLASS):
         yield from measure_ways(bench, bench.small(picture))
+
+def measure_films(bench):
     for count in FILM_WORKERS[:1] if bench.quick else FILM_WORKERS:
         yield from measure_film(bench, bench.small(FILM), count)
 
 def missed(line):
     return float(line['ratio']) > float(line['mark']) if line['mark'] else None
 
-NOTE = """All schedules on one farm of emulated workers. The mark: demand takes at most %g times the best possible time, rays / the sum of
-speeds. Of the film `%s` (%d frames) what `fraja-submit` takes from its own start until the last file is written; of frames that are
-submitted one after the other the sum of what the broker tells of each, without the client's start and files.""" % (MARK, TRAVEL, FRAMES)
-TABLES = {'schedules': Table(
-    'Schedules', 'schedules', HEADER, measure, NOTE,
-    {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'frames': '{frames}', 'schedule': '{schedule}',
-     'workers': '{workers} emulated', 'best possible, s': '{best_s:.3f}', 'elapsed, s': '{elapsed_s:.3f} ({least_s:.3f} to {greatest_s:.3f})',
-     'elapsed / best': '{ratio:.4f}', 'mark': '{verdict}'}, missed)}
+COLUMNS = {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'frames': '{frames}', 'schedule': '{schedule}',
+           'workers': '{workers} emulated', 'best possible, s': '{best_s:.3f}', 'elapsed, s': '{elapsed_s:.3f} ({least_s:.3f} to {greatest_s:.3f})',
+           'elapsed / best': '{ratio:.4f}'}
+TABLES = {
+    'schedules': Table(
+        'Schedules', 'schedules', HEADER, measure,
+        'All on one farm. The mark: demand takes at most %g times the best possible time, rays / the sum of speeds.' % MARK,
+        {**COLUMNS, 'mark': '{verdict}'}, missed),
+    'film': Table(
+        'A film', 'schedules', HEADER, measure_films,
+        '`%s`. Of frames to machines what `fraja-submit --travel` takes from its own start until the last file is written; of one after the '
+        'other the sum of what the broker tells of each, without the client\'s start and files.' % TRAVEL, COLUMNS, missed)}
