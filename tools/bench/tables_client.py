@@ -78,9 +78,9 @@ def plots(samples):
     """Both by time."""
     columns = [[(float(line['time_s']), float(line[name]) / unit) for line in samples] for name, unit in (('cpu_percent', 1), ('bytes_per_s', 1e6))]
     if samples:
-        yield 'client', ["set xlabel 'seconds'", "set ylabel 'processor, %'", "set y2label 'network, MB/s'", 'set yrange [0:100]',
-                         'set y2range [0:1.2]', 'set ytics nomirror', 'set y2tics'], [
+        yield 'client', ["set xlabel 'seconds'", "set ylabel 'processor, %'", "set y2label 'network, MB/s'", 'set yrange [0:105]',
+                         'set y2range [0:*]', 'set ytics nomirror', 'set y2tics'], [
             ('processor, %', columns[0], 'axes x1y1 with lines linewidth 2 linecolor rgb "#b03030"'),
             ('received, MB/s', columns[1], 'axes x1y2 with lines linewidth 2 linecolor rgb "#3050b0"'),
-            ('report of 2002: processor', [(0, 100), (13, 100)], 'axes x1y1 with lines dashtype 2 linecolor rgb "#b03030"'),
-            ('report of 2002: network', [(0, 1), (13, 1)], 'axes x1y2 with lines dashtype 2 linecolor rgb "#3050b0"')]
+            ('report of 2002: processor', [(0, 100), (13, 100)], 'axes x1y1 with lines linecolor rgb "#e0a0a0"'),
+            ('report of 2002: network', [(0, 1), (13, 1)], 'axes x1y2 with lines linecolor rgb "#a0b0e0"')]
