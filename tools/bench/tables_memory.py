@@ -45,8 +45,8 @@ def missed(line):
 
 NOTE = """The greatest resident memory (VmHWM) of each process, in units of 10^6 bytes; the picture is drawn by a real worker. The broker's
 is held against %d MB as it is; the client's by how much it is above that of `fraja-submit --version`, a process that has loaded the
-same libraries, OpenImageIO among them, and does nothing. With --state none the broker
-keeps the pixels of every job that is not forgotten: here of this one. The pixels are %.1f MB.""" % (MARK_MB, in_bytes(PICTURE.size) / 1e6)
+same libraries, OpenImageIO among them, and does nothing. With `--state none` the broker keeps the pixels of every job that is not
+forgotten: here of this one, %.1f MB.""" % (MARK_MB, in_bytes(PICTURE.size) / 1e6)
 TABLES = {'memory': Table(
     'Memory', 'memory', HEADER, measure, NOTE,
     {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers}, real', 'process': '{process}', '-o': '{output}',

@@ -56,14 +56,14 @@ def measure_show_off(bench):
 
 COLUMNS = {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers}; real (--local)', 'rays': '{rays}',
            'elapsed, s': '{elapsed_s:.2f} ({least_s:.2f} to {greatest_s:.2f})', 'processor, s': '{cpu_s:.2f}'}
+BESIDE = 'Where others used the processors, too, the processor time tells what the picture itself took.'
 TABLES = {
     'price': Table('The price of samples', 'price', HEADER, measure,
-                   'Factors over the row before, of half as many samples each way: of the time, the processor time and the rays. '
-                   'Where others used the processors, too, the processor time tells what the picture itself took.',
+                   'Factors over the row before, of half as many samples each way: of the time, the processor time and the rays. ' + BESIDE,
                    {**COLUMNS, 'factor of the time': '{factor}', 'of the processor time': '{cpu_factor}', 'of the rays': '{rays_factor}',
                     'report': '{report}'}, lambda line: None),
     'showoff': Table('The show-off', 'price', HEADER, measure_show_off,
                      'What -a 2 and 4 say that it takes at 1600x1200; and, where that was more than %d minutes and so a smaller picture was '
-                     'drawn, its time by the pixels.' % (LONGEST_S // 60),
+                     'drawn, its time by the pixels. ' % (LONGEST_S // 60) + BESIDE,
                      {**COLUMNS, 'estimated before, s': '{estimate_s:.1f}', 'for 1600x1200, s': '{whole_s:.1f}', 'report': '{report}'},
                      lambda line: None)}

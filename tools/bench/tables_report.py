@@ -5,10 +5,10 @@ from tables_bench import SERVER_SECONDS
 INTRODUCTION = """# The tables of the report of 2002, again
 
 *Emulated* workers (`fraja-worker --emulate`) are threads of a stated speed, where no other is given one that draws cone at 640x480 in %g s,
-as the report's server does: broker, sockets and pixels are real, and what tracing takes is waited for; 4 x 2
-are four of them, twice as fast. *Real* ones trace on the machine
-that all this was measured on. Of several runs the median counts, with the least and the greatest beside it. The commit is the last one that
-changed the programs or the scenes. Made by `tools/bench/tables` from the `.csv` files beside this page.""" % SERVER_SECONDS
+as the report's server does: broker, sockets and pixels are real, and what tracing takes is waited for; 4 x 2 are four of them, twice as
+fast. *Real* ones trace on the machine that all this was measured on. Of several runs the median counts, with the least and the greatest
+beside it. The commit is the last one that changed the programs or the scenes. Made by `tools/bench/tables` from the `.csv` files beside
+this page; there are plots of the [utilisation](tables.svg) and of [what the client does](client.svg).""" % SERVER_SECONDS
 
 def read(path, header):
     """A table's lines, if it has such columns."""
