@@ -90,7 +90,8 @@ TEST_CASE("frames whose files are there are skipped if asked for, and else drawn
     const auto nothing =
         farm.submit(film(pattern, {"--frames", "1-3", "--skip-existing", "--json"}));
     CHECK(nothing.exit == 0);
-    for (const auto& frame : nlohmann::json::parse(nothing.out).at("frames")) {
+    const auto skipped = nlohmann::json::parse(nothing.out);
+    for (const auto& frame : skipped.at("frames")) {
         CHECK(frame.at("state") == "skipped");
         CHECK_FALSE(frame.contains("job")); // nothing was submitted
     }

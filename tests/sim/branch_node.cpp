@@ -148,6 +148,7 @@ void BranchNode::serve() {
 }
 
 void BranchNode::close() {
+    ++process_.socket;
     session_.reset();
     branch_.reset();
     outbox_.clear();

@@ -140,8 +140,10 @@ bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
                     [this, &process, generation = found->second.second,
                      message = std::move(message)]() mutable {
                         if (process.line.generation == generation && process.line.up)
-                            in_process(process, [&process, message = std::move(message)]() mutable {
-                                process.hear(std::move(message));
+                            in_process(process, [&process, socket = process.socket,
+                                                 message = std::move(message)]() mutable {
+                                if (process.socket == socket)
+                                    process.hear(std::move(message));
                             });
                     });
     return true;

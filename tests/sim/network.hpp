@@ -32,6 +32,7 @@ struct Process {
     Instant deadline = Instant::never(), planned = Instant::never(); ///< of its next tick
     std::uint32_t hurries = 0; ///< ticks that were due at once, one after the other
     Line line;
+    std::uint64_t socket = 0; ///< what has come by an earlier one is not heard any more
     std::function<void(protocol::Message&&)> hear; ///< from the broker
     std::function<void()> reconnected; ///< its socket has found the broker again by itself
     std::function<void()> tick;
