@@ -375,7 +375,8 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.broker = app.get_option("--broker");
     if (auto early = parse(app, std::move(arguments)))
         return *early;
-    for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
+    for (const auto read :
+         {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
         if (const auto good = read(a); !good)
             return usage_error(program, good.error().message);
     auto shared = a.shared.read();
