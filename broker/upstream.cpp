@@ -27,14 +27,6 @@ LogLevel level_of(worker::LogLevel level) {
     return LogLevel::error;
 }
 
-Rng fresh_rng() {
-    const Nonce random = random_id<Nonce>();
-    std::uint64_t seed = 0;
-    for (const std::uint8_t byte : random.bytes) // both halves: 6 of the 128 bits are fixed
-        seed = (seed << 8 | seed >> 56) ^ byte;
-    return Rng(seed);
-}
-
 } // namespace
 
 Upstream::Upstream(const net::Context& context, const UpstreamOptions& options,

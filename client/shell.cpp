@@ -193,12 +193,4 @@ Outcome run_submission(const net::Context& context, SubmissionRequest request, L
     return converse(context, submission, listener, signals);
 }
 
-Rng fresh_rng() {
-    const Nonce random = random_id<Nonce>();
-    std::uint64_t seed = 0;
-    for (const std::uint8_t byte : random.bytes) // both halves: 6 of the 128 bits are fixed
-        seed = (seed << 8 | seed >> 56) ^ byte;
-    return Rng(seed);
-}
-
 } // namespace fraja::client

@@ -33,7 +33,4 @@ public:
 [[nodiscard]] Outcome run_submission(const net::Context& context, SubmissionRequest request,
                                      Listener& listener, const net::SignalWatch* signals);
 
-/// A generator that no other process has: for nonces.
-[[nodiscard]] Rng fresh_rng();
-
 } // namespace fraja::client

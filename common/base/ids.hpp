@@ -1,6 +1,8 @@
 // Ids as types, so that they cannot be swapped.
 #pragma once
 
+#include "common/base/rng.hpp"
+
 #include <array>
 #include <compare>
 #include <cstddef>
@@ -45,6 +47,8 @@ template <class Id>
 [[nodiscard]] Id random_id() {
     return Id{detail::random_uuid()};
 }
+/// A generator that no other process has: for nonces and other ids that need not be secret.
+[[nodiscard]] Rng fresh_rng();
 template <class Tag>
 [[nodiscard]] std::string to_string(const Uuid<Tag>& id) {
     return detail::format_uuid(id.bytes);

@@ -12,27 +12,10 @@ using namespace fraja::e2e;
 
 namespace {
 
-Words with(Words words, const Words& more) {
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
-}
-
 bool contains(std::string_view text, std::string_view part) {
     return text.find(part) != std::string_view::npos;
 }
 
-/// Some seconds of work in many tiles.
-Words long_picture() {
-    return {scene("overlapping_spheres"),
-            "--kernel",
-            "reference",
-            "-r",
-            instrumented ? "100x75" : "320x240",
-            "-a",
-            "2",
-            "--tile",
-            instrumented ? "5" : "16"};
-}
 /// Minutes of it.
 Words endless_picture() {
     return {scene("overlapping_spheres"), "-r", "640x480", "-a", "16", "--tile", "4"};

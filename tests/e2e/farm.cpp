@@ -17,12 +17,24 @@ Process start(Words argv, Words env = {}) {
     return std::move(*process);
 }
 
+} // namespace
+
 Words with(Words first, const Words& rest) {
     first.insert(first.end(), rest.begin(), rest.end());
     return first;
 }
 
-} // namespace
+Words long_picture() {
+    return {scene("overlapping_spheres"),
+            "--kernel",
+            "reference",
+            "-r",
+            instrumented ? "100x75" : "320x240",
+            "-a",
+            "2",
+            "--tile",
+            instrumented ? "5" : "16"};
+}
 
 Scratch::Scratch() {
     std::string name = (fs::temp_directory_path() / "fraja-e2e-XXXXXX").string();

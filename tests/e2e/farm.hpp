@@ -67,6 +67,9 @@ double resident_mib(pid_t pid);
 std::string bytes_of(const std::string& path);
 
 using Words = std::vector<std::string>;
+[[nodiscard]] Words with(Words first, const Words& rest);
+/// Some seconds of work in many tiles: the fast kernel would be done before anything happens.
+[[nodiscard]] Words long_picture();
 
 /// Runs fraja-submit to its end. `env` as in Command.
 RunResult submit(Words arguments, const Words& env = {});

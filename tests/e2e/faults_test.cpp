@@ -7,24 +7,6 @@ using namespace fraja::e2e;
 
 namespace {
 
-/// Some seconds of work in many tiles: the fast kernel would be done before anything happens.
-Words long_picture() {
-    return {scene("overlapping_spheres"),
-            "--kernel",
-            "reference",
-            "-r",
-            instrumented ? "100x75" : "320x240",
-            "-a",
-            "2",
-            "--tile",
-            instrumented ? "5" : "16"};
-}
-
-Words with(Words words, const Words& more) {
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
-}
-
 /// The broker has given the first worker up, and tiles of it back to the queue: so the job was
 /// under way.
 void wait_until_first_is_lost(Farm& farm) {

@@ -20,11 +20,6 @@ Words usable_isas() {
     return isas;
 }
 
-Words with(Words words, const Words& more) {
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
-}
-
 /// Glass, solids of solids and textures, in floats: equal to the last bit.
 std::vector<Words> pictures() {
     const Words settings = {"--kernel", "fast", "-r", instrumented ? "24x18" : "67x50",

@@ -10,11 +10,6 @@
 namespace fraja::e2e {
 namespace {
 
-Words with(Words words, const Words& more) {
-    words.insert(words.end(), more.begin(), more.end());
-    return words;
-}
-
 Words below(const Farm& above) {
     return {"--heartbeat", "250ms", "--upstream", above.endpoint()};
 }
