@@ -31,6 +31,8 @@ void ReadyJobs::enter(Group& group) {
 }
 
 void ReadyJobs::update(const Job& job, bool is_ready) {
+    if (is_ready && stays(job))
+        return rank_anew(job.party());
     remove(job.id());
     if (is_ready) {
         const Key key{job.party().number(), job.priority};
@@ -52,6 +54,21 @@ void ReadyJobs::update(const Job& job, bool is_ready) {
         }
     }
     rank_anew(job.party());
+}
+
+/// Whether it keeps its place, as it mostly does.
+bool ReadyJobs::stays(const Job& job) {
+    const auto at = entries_.find(job.id());
+    if (at == entries_.end() || at->second.key != Key{job.party().number(), job.priority} ||
+        at->second.place != place_of(job))
+        return false;
+    Group& group = groups_.at(at->second.key);
+    if (group.blocked)
+        return false;
+    const double left = work_left(job);
+    group.work_left += left - at->second.work_left;
+    at->second.work_left = left;
+    return true;
 }
 
 void ReadyJobs::remove(const JobId& job) {
@@ -77,8 +94,10 @@ void ReadyJobs::rank_anew(const Party& party) {
         Group& group = at->second;
         if (group.blocked || group.ranked_in_flight == party.in_flight_count())
             continue;
-        order_.erase(rank_of(group));
-        enter(group);
+        auto place = order_.extract(rank_of(group));
+        group.ranked_in_flight = party.in_flight_count();
+        place.value() = rank_of(group);
+        order_.insert(std::move(place));
     }
 }
 

@@ -101,6 +101,7 @@ private:
         return {-std::int64_t{group.priority}, group.ranked_in_flight, group.party->number()};
     }
     void enter(Group& group);
+    [[nodiscard]] bool stays(const Job& job);
     void remove(const JobId& job);
     void rank_anew(const Party& party);
 
