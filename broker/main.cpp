@@ -75,18 +75,12 @@ Result<void> complete_upstream(broker::Options& options) {
     broker::UpstreamOptions& upstream = options.upstream;
     if (upstream.broker.empty())
         return {};
-    const auto endpoint = net::parse_endpoint(upstream.broker, 50057);
+    const auto endpoint = net::endpoint_to_connect(upstream.broker, net::broker_port);
     if (!endpoint)
         return Error{endpoint.error().code, "--upstream: " + endpoint.error().message};
-    if (endpoint->host == "*")
-        return Error{ErrorCode::invalid_argument,
-                     "--upstream " + upstream.broker +
-                         ": a place to listen at, not one to connect to"};
-    if (endpoint->transport == net::Endpoint::Transport::tcp && endpoint->port == 0)
-        return Error{ErrorCode::invalid_argument,
-                     "--upstream " + upstream.broker + ": port 0 is for brokers to listen at"};
-    upstream.broker = net::to_string(*endpoint);
-    if (const auto own = net::parse_endpoint(options.bind, 50057); own && *own == *endpoint)
+    upstream.broker = *endpoint;
+    if (const auto own = net::parse_endpoint(options.bind, net::broker_port);
+        own && net::to_string(*own) == *endpoint)
         return Error{ErrorCode::invalid_argument, "--upstream " + upstream.broker +
                                                       ": that is where this broker listens itself"};
     upstream.name = worker::default_worker_name();

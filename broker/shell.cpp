@@ -246,7 +246,7 @@ private:
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
-    const auto bind = net::endpoint_to_bind(options.bind, 50057, options.insecure);
+    const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, options.insecure);
     if (!bind)
         return bind.error();
     const auto publish = net::endpoint_to_bind(options.publish, 50058, options.insecure);

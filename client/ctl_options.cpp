@@ -10,8 +10,8 @@
 namespace fraja::client {
 namespace {
 
-constexpr const char* program = "fraja-ctl";
-constexpr const char* examples = R"(Examples:
+constexpr const char* ctl_name = "fraja-ctl";
+constexpr const char* ctl_examples = R"(Examples:
   fraja-ctl jobs                         all jobs, the newest first
   fraja-ctl get '#17' -o now.png         the picture as far as it is
   fraja-ctl cancel cone                  asks, then cancels the newest job of that name
@@ -28,8 +28,8 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     std::string job, worker, output;
     std::int32_t priority = 0;
     bool yes = false;
-    CLI::App app(examples, program);
-    shared.add_to(app, program);
+    CLI::App app(ctl_examples, ctl_name);
+    shared.add_to(app, ctl_name);
     app.require_subcommand(1);
     app.fallthrough(); // the shared options may stand behind the command as well
     const auto command = [&](const char* name, const char* what) {
@@ -75,15 +75,15 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     CtlOptions options;
     auto read = shared.read();
     if (!read)
-        return usage_error(program, read.error().message);
+        return usage_error(ctl_name, read.error().message);
     options.shared = *std::move(read);
     if (job.size() > protocol::string_bytes_max)
-        return usage_error(program, "that is no JOB: it is too long");
+        return usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
-        return usage_error(program, "that is no WORKER: it is too long");
+        return usage_error(ctl_name, "that is no WORKER: it is too long");
     if (get->parsed())
         if (const auto kind = pixel_kind(output); !kind)
-            return usage_error(program, kind.error().message);
+            return usage_error(ctl_name, kind.error().message);
     if (jobs->parsed())
         options.command = ListJobs{};
     else if (workers->parsed())

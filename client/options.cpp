@@ -15,8 +15,6 @@
 namespace fraja::client {
 namespace {
 
-constexpr std::uint16_t default_port = 50057;
-constexpr const char* default_broker = "tcp://127.0.0.1:50057";
 constexpr std::size_t brokers_max = 64;
 
 template <class E, std::size_t N>
@@ -57,7 +55,7 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->envname("FRAJA_BROKER")
         ->delimiter(',')
         ->allow_extra_args(false)
-        ->default_str(default_broker)
+        ->default_str(net::default_broker)
         ->type_name("ENDPOINT");
     app.add_option("--connect-timeout", connect_timeout_, "How long to look for a broker")
         ->envname("FRAJA_CONNECT_TIMEOUT")
@@ -86,22 +84,17 @@ Result<SharedOptions> SharedArguments::read() const {
     std::vector<std::string> brokers = brokers_;
     std::erase(brokers, std::string());
     if (brokers.empty())
-        brokers = {default_broker};
+        brokers = {net::default_broker};
     if (brokers.size() > brokers_max)
         return invalid_option("--broker: at most " + std::to_string(brokers_max));
     for (const std::string& text : brokers) {
         if (text == "auto")
             return invalid_option("--broker auto: this release does not discover brokers yet; name "
                                   "one, as -b HOST:50057");
-        const auto endpoint = net::parse_endpoint(text, default_port);
+        auto endpoint = net::endpoint_to_connect(text, net::broker_port);
         if (!endpoint)
-            return invalid_option("--broker " + text + ": " + endpoint.error().message);
-        if (endpoint->transport == net::Endpoint::Transport::tcp &&
-            (endpoint->port == 0 || endpoint->host == "*"))
-            return invalid_option("--broker " + text +
-                                  ": that is a place to listen at, not one to "
-                                  "connect to");
-        options.brokers.push_back(net::to_string(*endpoint));
+            return invalid_option("--broker: " + endpoint.error().message);
+        options.brokers.push_back(std::move(*endpoint));
     }
     const auto timeout = parse_duration(connect_timeout_);
     if (!timeout)

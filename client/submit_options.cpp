@@ -13,8 +13,8 @@
 namespace fraja::client {
 namespace {
 
-constexpr const char* program = "fraja-submit";
-constexpr const char* examples = R"(Examples:
+constexpr const char* submit_name = "fraja-submit";
+constexpr const char* submit_examples = R"(Examples:
   fraja-submit --local scenes/cone.raj -o cone.png     render here, without any daemon
   fraja-submit scenes/cone.raj -r 1920x1080 -a 4       render on the farm to ./cone.png
   fraja-submit scenes/cone.raj --error 1               right to about one level of 255
@@ -267,21 +267,15 @@ Result<void> read_direct(Arguments& a) {
     if (a.direct.size() > direct_max)
         return invalid_option("--direct: at most " + std::to_string(direct_max) + " workers");
     for (const std::string& text : a.direct) {
-        const auto endpoint = net::parse_endpoint(text, 0);
-        if (!endpoint)
-            return invalid_option("--direct: " + endpoint.error().message);
-        if (endpoint->transport != net::Endpoint::Transport::tcp)
+        auto worker = net::endpoint_to_connect(text, 0);
+        if (!worker)
+            return invalid_option("--direct: " + worker.error().message +
+                                  " (fraja-worker --listen prints its own)");
+        if (!worker->starts_with("tcp://"))
             return invalid_option("--direct " + text + ": a worker is reached at tcp://HOST:PORT");
-        if (endpoint->port == 0)
-            return invalid_option("--direct " + text +
-                                  ": a port is missing (fraja-worker --listen prints it)");
-        if (endpoint->host == "*")
-            return invalid_option("--direct " + text +
-                                  ": that is a place to listen at, not one to connect to");
-        std::string worker = net::to_string(*endpoint);
-        if (std::ranges::find(o.direct, worker) != o.direct.end())
+        if (std::ranges::find(o.direct, *worker) != o.direct.end())
             return invalid_option("--direct " + text + ": the same worker twice");
-        o.direct.push_back(std::move(worker));
+        o.direct.push_back(std::move(*worker));
     }
     return {};
 }
@@ -365,12 +359,12 @@ Result<void> read_film(Arguments& a) {
 
 Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     Arguments a;
-    CLI::App app(examples, program);
+    CLI::App app(submit_examples, submit_name);
     app.add_option("scene", a.options.scene_file, "Scene file")->required()->type_name("SCENE.raj");
     add_picture_options(app, a);
     add_job_options(app, a);
     add_conduct_options(app, a);
-    a.shared.add_to(app, program,
+    a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
     if (auto early = parse(app, std::move(arguments)))
@@ -378,10 +372,10 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     for (const auto read :
          {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
         if (const auto good = read(a); !good)
-            return usage_error(program, good.error().message);
+            return usage_error(submit_name, good.error().message);
     auto shared = a.shared.read();
     if (!shared)
-        return usage_error(program, shared.error().message);
+        return usage_error(submit_name, shared.error().message);
     a.options.shared = *std::move(shared);
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;

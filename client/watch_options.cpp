@@ -9,8 +9,8 @@
 namespace fraja::client {
 namespace {
 
-constexpr const char* program = "fraja-watch";
-constexpr const char* examples = R"(Examples:
+constexpr const char* watch_name = "fraja-watch";
+constexpr const char* watch_examples = R"(Examples:
   fraja-watch                      the table of jobs and workers, live
   fraja-watch '#17'                the tiles of job 17, one line each, as they finish
   fraja-watch cone -o now.png      also keep a picture current
@@ -39,7 +39,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     WatchOptions options;
     SharedArguments shared;
     std::string until;
-    CLI::App app(examples, program);
+    CLI::App app(watch_examples, watch_name);
     app.add_option("job", options.job, "Job to follow; none: the farm")->type_name("JOB");
     app.add_option("-o,--output", options.output, "Keep this picture file current")
         ->type_name("FILE");
@@ -47,26 +47,26 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->default_str("done")
         ->type_name("WHEN");
     app.add_flag("--once", options.until.once, "Print what there is now, and leave");
-    shared.add_to(app, program);
+    shared.add_to(app, watch_name);
     if (auto early = parse(app, std::move(arguments)))
         return *early;
     auto read = shared.read();
     if (!read)
-        return usage_error(program, read.error().message);
+        return usage_error(watch_name, read.error().message);
     options.shared = *std::move(read);
     if (!until.empty()) {
         const auto share = parse_until(until);
         if (!share)
-            return usage_error(program, "--until " + until + ": done, first, or a share as 50%");
+            return usage_error(watch_name, "--until " + until + ": done, first, or a share as 50%");
         options.until.share = *share;
     }
     if (!options.job && (!options.output.empty() || !until.empty()))
-        return usage_error(program, "--output and --until need a JOB");
+        return usage_error(watch_name, "--output and --until need a JOB");
     if (options.job && options.job->size() > protocol::string_bytes_max)
-        return usage_error(program, "that is no JOB: it is too long");
+        return usage_error(watch_name, "that is no JOB: it is too long");
     if (!options.output.empty())
         if (const auto kind = pixel_kind(options.output); !kind)
-            return usage_error(program, kind.error().message);
+            return usage_error(watch_name, kind.error().message);
     return options;
 }
 

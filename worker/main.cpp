@@ -36,9 +36,6 @@ With --listen it serves one fraja-submit --direct after the other; the others wa
 FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixels.
 )";
 
-constexpr const char* default_broker = "tcp://127.0.0.1:50057";
-constexpr std::uint16_t default_port = 50057;
-
 constexpr const char* no_isa = "no instruction set to render with";
 
 enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
@@ -63,7 +60,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
                        "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
             ->envname("FRAJA_BROKER")
             ->delimiter(',')
-            ->default_str(default_broker);
+            ->default_str(net::default_broker);
     const auto listen = [&options, broker](const std::string& endpoint) {
         options.listen = endpoint;
         broker->envname(""); // the environment's broker is for workers that want one
@@ -108,21 +105,15 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
     if (!options.emulated.empty() && !threads_given)
         options.threads = 1;
     if (options.brokers.empty() && options.listen.empty())
-        options.brokers = {default_broker};
+        options.brokers = {net::default_broker};
     for (std::string& broker : options.brokers) {
         if (broker == "auto")
             return Error{ErrorCode::invalid_argument,
                          "--broker auto: this version does not discover brokers; name one"};
-        const auto endpoint = net::parse_endpoint(broker, default_port);
+        const auto endpoint = net::endpoint_to_connect(broker, net::broker_port);
         if (!endpoint)
             return Error{endpoint.error().code, "--broker: " + endpoint.error().message};
-        if (endpoint->transport == net::Endpoint::Transport::inproc)
-            return Error{ErrorCode::invalid_argument,
-                         "--broker " + broker + ": inproc does not leave this process"};
-        if (endpoint->transport == net::Endpoint::Transport::tcp && endpoint->port == 0)
-            return Error{ErrorCode::invalid_argument,
-                         "--broker " + broker + ": port 0 is for brokers to listen at"};
-        broker = net::to_string(*endpoint);
+        broker = *endpoint;
     }
     return worker::validate(options);
 }

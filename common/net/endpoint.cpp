@@ -93,6 +93,19 @@ Result<std::string> endpoint_to_bind(std::string_view text, std::uint16_t defaul
     return to_string(*endpoint);
 }
 
+Result<std::string> endpoint_to_connect(std::string_view text, std::uint16_t default_port) {
+    const auto endpoint = parse_endpoint(text, default_port);
+    if (!endpoint)
+        return endpoint.error();
+    if (endpoint->transport == Endpoint::Transport::inproc)
+        return invalid(text, "inproc does not leave this process");
+    if (endpoint->host == "*")
+        return invalid(text, "host * is a place to listen at, not one to connect to");
+    if (endpoint->transport == Endpoint::Transport::tcp && endpoint->port == 0)
+        return invalid(text, "a port is missing, from 1 to 65535");
+    return to_string(*endpoint);
+}
+
 Result<std::string> stream_endpoint(std::string_view reached, std::string_view told) {
     auto ours = parse_endpoint(reached, 0);
     if (!ours)

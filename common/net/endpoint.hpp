@@ -9,6 +9,10 @@
 
 namespace fraja::net {
 
+/// Where brokers listen for workers and clients, unless told otherwise.
+constexpr std::uint16_t broker_port = 50057;
+constexpr const char* default_broker = "tcp://127.0.0.1:50057";
+
 /// tcp://HOST:PORT, ipc://PATH or inproc://NAME. Other transports that a build of libzmq may know
 /// are refused.
 struct Endpoint {
@@ -32,6 +36,11 @@ struct Endpoint {
 /// refused: nobody has keys yet.
 [[nodiscard]] Result<std::string> endpoint_to_bind(std::string_view text,
                                                    std::uint16_t default_port, bool insecure);
+
+/// An endpoint as a socket connects to it. One that is only good to listen at (host *, port 0) or
+/// that does not leave this process is refused.
+[[nodiscard]] Result<std::string> endpoint_to_connect(std::string_view text,
+                                                      std::uint16_t default_port);
 
 /// Where a peer finds the stream: it reached the broker at `reached`, and was told that the stream
 /// is at `told`. For tcp that is the host it reached with the port it was told; otherwise what it

@@ -69,6 +69,21 @@ TEST_CASE("an endpoint is bound off loopback only where that is said to be meant
     CHECK(bindable("pgm://x", true).find("transport") != std::string::npos);
 }
 
+TEST_CASE("what is only good to listen at is not connected to") {
+    const auto connectable = [](std::string_view text, std::uint16_t default_port) {
+        const auto endpoint = endpoint_to_connect(text, default_port);
+        return endpoint ? *endpoint : endpoint.error().message;
+    };
+    CHECK(connectable("farm", 7) == "tcp://farm:7");
+    CHECK(connectable("tcp://[::1]:65535", 0) == "tcp://[::1]:65535");
+    CHECK(connectable("ipc:///run/fraja", 7) == "ipc:///run/fraja");
+    CHECK(connectable("tcp://*:50057", 7).find("place to listen") != std::string::npos);
+    CHECK(connectable("farm:0", 7).find("a port is missing") != std::string::npos);
+    CHECK(connectable("farm", 0).find("a port is missing") != std::string::npos);
+    CHECK(connectable("inproc://broker", 7).find("inproc") != std::string::npos);
+    CHECK(connectable("pgm://x", 7).find("transport") != std::string::npos);
+}
+
 TEST_CASE("the stream is looked for at the host that was reached") {
     const auto stream = [](std::string_view reached, std::string_view told) {
         const auto endpoint = stream_endpoint(reached, told);
