@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Error io_error(const fs::path& path, const std::string& reason) {
+Error refused(const fs::path& path, const std::string& reason) {
     return {ErrorCode::io, path.string() + ": " + reason};
 }
 
@@ -80,7 +80,7 @@ private:
 Result<void> replace_file(const fs::path& path, std::span<const std::byte> bytes) {
     PendingFile file(path);
     if (!file.created() || !file.write(bytes) || !file.close() || !file.move_to_target())
-        return io_error(path, errno_text());
+        return refused(path, errno_text());
     return {};
 }
 
@@ -88,18 +88,18 @@ Result<void> check_replaceable(const fs::path& path) {
     std::error_code ec;
     const fs::file_status there = fs::status(path, ec);
     if (fs::is_directory(there))
-        return io_error(path, "this is a directory");
+        return refused(path, "this is a directory");
     if (fs::exists(there) && !fs::is_regular_file(there))
-        return io_error(path, "this is no ordinary file");
+        return refused(path, "this is no ordinary file");
     if (fs::exists(there) && ::access(path.c_str(), W_OK) != 0)
-        return io_error(path, errno_text());
+        return refused(path, errno_text());
     if (ec && there.type() != fs::file_type::not_found)
-        return io_error(path, ec.message());
+        return refused(path, ec.message());
     const fs::path folder = path.has_parent_path() ? path.parent_path() : ".";
     if (!fs::is_directory(folder, ec) && !fs::is_symlink(path, ec))
-        return io_error(path, "there is no directory " + folder.string());
+        return refused(path, "there is no directory " + folder.string());
     if (!PendingFile(path).created())
-        return io_error(path, "no file can be made there: " + errno_text());
+        return refused(path, "no file can be made there: " + errno_text());
     return {};
 }
 

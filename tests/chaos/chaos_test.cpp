@@ -150,8 +150,8 @@ private:
 // A tile that dies with its worker counts as a failure: here that is never its fault.
 Chaos::Chaos(std::uint64_t seed, Duration time, std::uint64_t broker_deaths)
     : rng_(seed), time_(time), broker_deaths_(broker_deaths), pictures_(some_pictures()),
-      farm_({"--heartbeat", "250ms", "--lease", "3s", "--max-attempts", "1000", "--quarantine",
-             "5/2s", "--state", scratch_.file("state")}) {
+      farm_({"--heartbeat", heartbeat_option, "--lease", "3s", "--max-attempts", "1000",
+             "--quarantine", "5/2s", "--state", scratch_.file("state")}) {
     for (Picture& picture : pictures_)
         picture.bytes = local_picture(scratch_, picture.words(), "local." + picture.extension);
     for (int i = 0; i < 3; ++i)

@@ -21,7 +21,7 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     const Words picture = {scene("overlapping_spheres"), "-r", "640x480", "--tile", "64"}; // 3.7 MB
     const std::string want = local_picture(scratch, picture);
     const std::string state = scratch.file("state");
-    Farm farm({"--heartbeat", "250ms", "--state", state},
+    Farm farm({"--heartbeat", heartbeat_option, "--state", state},
               {"env", "--ignore-signal=XFSZ", "prlimit", "--fsize=1000000:unlimited"});
     farm.add_worker("one");
     const std::string job = farm.detach(picture);

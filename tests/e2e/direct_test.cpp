@@ -12,10 +12,6 @@ using namespace fraja::e2e;
 
 namespace {
 
-bool contains(std::string_view text, std::string_view part) {
-    return text.find(part) != std::string_view::npos;
-}
-
 /// Minutes of it.
 Words endless_picture() {
     return {scene("overlapping_spheres"), "-r", "640x480", "-a", "16", "--tile", "4"};

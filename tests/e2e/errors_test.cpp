@@ -8,14 +8,6 @@
 using namespace fraja;
 using namespace fraja::e2e;
 
-namespace {
-
-bool contains(std::string_view text, std::string_view part) {
-    return text.find(part) != std::string_view::npos;
-}
-
-} // namespace
-
 TEST_CASE("every invalid scene exits with 2 and nothing is submitted") {
     const Scratch scratch;
     Farm farm;

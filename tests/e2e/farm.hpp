@@ -12,6 +12,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <tuple>
 #include <vector>
 
@@ -37,6 +38,11 @@ inline constexpr bool instrumented =
 #else
 inline constexpr bool instrumented = false;
 #endif
+
+/// Of the farms of tests: short, so that what is lost is found soon. A process under a sanitizer
+/// may have to wait longer for its turn.
+inline constexpr Duration heartbeat = instrumented ? Duration(500ms) : Duration(250ms);
+inline constexpr const char* heartbeat_option = instrumented ? "500ms" : "250ms";
 
 inline std::string program(const std::string& name) {
     return std::string(FRAJA_BIN_DIR) + "/" + name;
@@ -66,6 +72,10 @@ double resident_mib(pid_t pid);
 /// The bytes of a file; the test fails when it is not there.
 std::string bytes_of(const std::string& path);
 
+inline bool contains(std::string_view text, std::string_view part) {
+    return text.find(part) != std::string_view::npos;
+}
+
 using Words = std::vector<std::string>;
 [[nodiscard]] Words with(Words first, const Words& rest);
 /// Some seconds of work in many tiles: the fast kernel would be done before anything happens.
@@ -79,9 +89,9 @@ std::string local_picture(const Scratch& scratch, Words arguments,
 
 class Farm {
 public:
-    /// Heartbeats are short, so that what is lost is found soon. Nothing is kept where the options
-    /// do not say --state. `launcher`: words before the broker's own command line.
-    explicit Farm(Words broker_options = {"--heartbeat", "250ms"}, Words launcher = {});
+    /// Nothing is kept where the options do not say --state. `launcher`: words before the broker's
+    /// own command line.
+    explicit Farm(Words broker_options = {"--heartbeat", heartbeat_option}, Words launcher = {});
 
     /// Starts the broker again with the same options, at the endpoints that the first one had. Its
     /// predecessor must have ended.

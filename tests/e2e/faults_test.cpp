@@ -190,8 +190,9 @@ TEST_CASE("a worker finds its broker again") {
     Process& worker = farm.add_worker("one");
     farm.broker().send(SIGTERM);
     REQUIRE(farm.broker().wait_for_exit(patience) == 0);
-    auto again = Process::start({{program("fraja-broker"), "--bind", farm.endpoint(), "--publish",
-                                  "tcp://127.0.0.1:0", "--state", "none", "--heartbeat", "250ms"}});
+    auto again =
+        Process::start({{program("fraja-broker"), "--bind", farm.endpoint(), "--publish",
+                         "tcp://127.0.0.1:0", "--state", "none", "--heartbeat", heartbeat_option}});
     REQUIRE(again.has_value());
     const auto here = again->wait_for_line(
         Process::Stream::err,

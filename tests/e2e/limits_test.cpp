@@ -32,7 +32,7 @@ TEST_CASE("a broker has as many descriptors as its peers take, whatever it was s
     rlimit here{};
     REQUIRE(getrlimit(RLIMIT_NOFILE, &here) == 0);
     const std::uint64_t wanted = 20'000 + 2 * 5'000 + 100;
-    Farm farm({"--heartbeat", "250ms"}, with_descriptors("-Sn", 200));
+    Farm farm({"--heartbeat", heartbeat_option}, with_descriptors("-Sn", 200));
     CHECK(descriptors_of(farm.broker()) == std::min<std::uint64_t>(wanted, here.rlim_max));
     CHECK((farm.broker().err().find("there is room for") != std::string::npos) ==
           (here.rlim_max < wanted));
@@ -40,7 +40,7 @@ TEST_CASE("a broker has as many descriptors as its peers take, whatever it was s
 
 TEST_CASE("a broker that the system lets have few connections says how many, and serves these") {
     const Scratch scratch;
-    Farm farm({"--heartbeat", "250ms"}, with_descriptors("-n", 300));
+    Farm farm({"--heartbeat", heartbeat_option}, with_descriptors("-n", 300));
     farm.add_worker("one");
     CHECK(descriptors_of(farm.broker()) == 300);
     CHECK(farm.broker().err().find("there is room for 200 connections, and 20000 workers and 5000 "

@@ -11,7 +11,7 @@ namespace fraja::e2e {
 namespace {
 
 Words below(const Farm& above) {
-    return {"--heartbeat", "250ms", "--upstream", above.endpoint()};
+    return {"--heartbeat", heartbeat_option, "--upstream", above.endpoint()};
 }
 
 /// Waits until the broker above has said that of the one below for the `count`-th time; the line.
@@ -48,7 +48,7 @@ std::map<std::string, std::uint64_t> workers_of(const Farm& farm) {
 /// A root and two branches that have a worker each.
 struct Tree {
     Farm root, left, right;
-    explicit Tree(const Words& root_options = {"--heartbeat", "250ms"})
+    explicit Tree(const Words& root_options = {"--heartbeat", heartbeat_option})
         : root(root_options), left(below(root)), right(below(root)) {
         left.add_worker("leaf");
         right.add_worker("leaf");
@@ -147,7 +147,7 @@ TEST_CASE("a branch whose only worker leaves says goodbye, and comes back with t
 TEST_CASE("a root that was killed goes on with its job when it is started again") {
     const Scratch scratch;
     const std::string want = local_picture(scratch, long_picture());
-    Tree tree({"--heartbeat", "250ms", "--state", scratch.file("state")});
+    Tree tree({"--heartbeat", heartbeat_option, "--state", scratch.file("state")});
     const std::string job = tree.root.detach(long_picture());
     {
         Process watcher = tree.root.watch(job);

@@ -3,6 +3,7 @@
 #include "common/render/kernel/program.hpp"
 #include "common/render/kernel/refine.hpp"
 #include "common/render/kernel/walk.hpp"
+#include "tests/stress/lanes.hpp"
 #include "tests/stress/quad.hpp"
 #include "tests/stress/random_vectors.hpp"
 #include "tests/support/scene_builder.hpp"
@@ -214,10 +215,6 @@ private:
 };
 
 // ------------------------------------------------------------------------------------- the kernel
-
-Wide3 in_all_lanes(const Vec3& v) {
-    return {kernel::all_lanes(v.x), kernel::all_lanes(v.y), kernel::all_lanes(v.z)};
-}
 
 /// What the kernel's walk meets, as tile tracers use it, but for the straight way through all.
 std::vector<Change> walk(const kernel::Tables& tables, const std::vector<std::int32_t>& solid_of,

@@ -3,6 +3,7 @@
 #include "common/render/kernel/refine.hpp"
 #include "common/render/kernel/roots.hpp"
 #include "common/render/kernel/surfaces.hpp"
+#include "tests/stress/lanes.hpp"
 #include "tests/stress/quad.hpp"
 #include "tests/stress/random_vectors.hpp"
 
@@ -16,9 +17,6 @@ namespace {
 using kernel::Mask;
 using kernel::Wide3;
 
-Wide3 in_all_lanes(const Vec3& v) {
-    return {kernel::all_lanes(v.x), kernel::all_lanes(v.y), kernel::all_lanes(v.z)};
-}
 Vec3 lane_of(const Wide3& v) {
     return {v.x[0], v.y[0], v.z[0]};
 }

@@ -3,12 +3,11 @@
 #include "common/net/sockets.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
+#include "tests/support/scene_text.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <doctest/doctest.h>
-#include <fstream>
-#include <iterator>
 #include <string>
 
 using namespace fraja;
@@ -18,12 +17,6 @@ using namespace std::chrono_literals;
 namespace {
 
 constexpr SessionIndex one{0}, two{1};
-
-Bytes scene_text(const std::string& name) {
-    std::ifstream file(FRAJA_SOURCE_DIR "/scenes/" + name, std::ios::binary);
-    REQUIRE(file);
-    return to_bytes(std::string(std::istreambuf_iterator<char>(file), {}));
-}
 
 /// The first result within a minute, and what came with it.
 std::vector<PoolResult> wait_for_results(Pool& pool, const net::Waker& waker) {

@@ -4,14 +4,13 @@
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/scene/raj_reader.hpp"
+#include "tests/support/scene_text.hpp"
 
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstring>
 #include <doctest/doctest.h>
-#include <fstream>
-#include <iterator>
 #include <set>
 #include <string>
 
@@ -23,12 +22,6 @@ using namespace std::chrono_literals;
 namespace {
 
 constexpr SessionIndex session{0};
-
-Bytes scene_text(const std::string& name) {
-    std::ifstream file(FRAJA_SOURCE_DIR "/scenes/" + name, std::ios::binary);
-    REQUIRE(file);
-    return to_bytes(std::string(std::istreambuf_iterator<char>(file), {}));
-}
 
 struct Bench {
     net::Waker waker;

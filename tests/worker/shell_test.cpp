@@ -4,12 +4,11 @@
 #include "common/net/clock.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
+#include "tests/support/scene_text.hpp"
 
 #include <chrono>
 #include <doctest/doctest.h>
-#include <fstream>
 #include <future>
-#include <iterator>
 #include <optional>
 #include <set>
 #include <string>
@@ -21,12 +20,6 @@ using namespace fraja::protocol;
 using namespace std::chrono_literals;
 
 namespace {
-
-Bytes scene_text(const std::string& name) {
-    std::ifstream file(FRAJA_SOURCE_DIR "/scenes/" + name, std::ios::binary);
-    REQUIRE(file);
-    return to_bytes(std::string(std::istreambuf_iterator<char>(file), {}));
-}
 
 /// The broker's socket, and the last worker that spoke.
 class FakeBroker {

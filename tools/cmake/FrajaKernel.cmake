@@ -21,7 +21,7 @@ function(fraja_kernel_object room isa)
     # That wide numbers are passed otherwise with AVX than without does not matter within one object.
     target_compile_options(${objects} PRIVATE $<$<CXX_COMPILER_ID:Clang>:-Wno-psabi>)
     # Unoptimised, wide numbers live in memory, and a picture takes minutes.
-    target_compile_options(${objects} PRIVATE $<$<NOT:$<CONFIG:Release>>:-O2>)
+    target_compile_options(${objects} PRIVATE $<$<CONFIG:Debug>:-O2>)
     set(closed ${CMAKE_CURRENT_BINARY_DIR}/${entry}.o)
     add_custom_command(OUTPUT ${closed}
         COMMAND ${FRAJA_GNU_LD} -r --force-group-allocation -o ${closed}.open $<TARGET_OBJECTS:${objects}>

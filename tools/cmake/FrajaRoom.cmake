@@ -24,6 +24,11 @@ function(fraja_room name)
     endif()
 endfunction()
 
+# fraja_cold(<source> ...): sources that run once, as those that read command lines: CLI11 takes long to optimise.
+function(fraja_cold)
+    set_source_files_properties(${ARGN} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>;$<$<CONFIG:RelWithDebInfo>:-O0>")
+endfunction()
+
 # fraja_test(<name> SOURCES ... LINKS ... [LABELS ...]): a doctest program; each TEST_CASE becomes one ctest test.
 function(fraja_test name)
     cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
@@ -35,8 +40,11 @@ function(fraja_test name)
     add_executable(${target} ${ARG_SOURCES})
     target_link_libraries(${target} PRIVATE ${ARG_LINKS} fraja_test_main fraja_flags)
     target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR})
-    # What is tested runs as users run it; the tests themselves are to be compiled soon.
+    # What is tested runs as users run it; the tests themselves are to be compiled soon. Those of rays compute much.
     target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
+    if(NOT "fraja::render" IN_LIST ARG_LINKS)
+        target_compile_options(${target} PRIVATE $<$<CONFIG:RelWithDebInfo>:-O0>)
+    endif()
     target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS
         FRAJA_SOURCE_DIR="${PROJECT_SOURCE_DIR}" FRAJA_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
     if(FRAJA_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug") # a ray costs ten times as much

@@ -100,5 +100,5 @@ TEST_CASE("quoted text stays short and shows no control characters") {
     CHECK(quoted(std::string_view("\x1B[0m\0", 5)) == "'\\x1B[0m\\x00'");
     CHECK(quoted("\xC3") == "'\\xC3'");
     CHECK(quoted("\xFF\xFE") == "'\\xFF\\xFE'");
-    CHECK(quoted(std::string(1000, 'a')).size() < 80);
+    CHECK(raj::quoted(std::string(1000, 'a')).size() < 80);
 }
