@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <optional>
+#include <utility>
 
 namespace fraja::protocol {
 
@@ -16,6 +17,31 @@ struct CellRect {
     friend bool operator==(const CellRect&, const CellRect&) = default;
     [[nodiscard]] std::uint64_t count() const { return std::uint64_t{width} * height; }
 };
+
+[[nodiscard]] inline bool overlap(const CellRect& a, const CellRect& b) {
+    return a.column < b.column + b.width && b.column < a.column + a.width &&
+           a.row < b.row + b.height && b.row < a.row + a.height;
+}
+
+[[nodiscard]] inline bool contains(const CellRect& all, const CellRect& part) {
+    return part.column >= all.column && part.column + part.width <= all.column + all.width &&
+           part.row >= all.row && part.row + part.height <= all.row + all.height;
+}
+
+/// Across the longer side; of an odd number the first is the larger one.
+[[nodiscard]] inline std::pair<CellRect, CellRect> halves(CellRect r) {
+    CellRect second = r;
+    if (r.width >= r.height) {
+        r.width = (r.width + 1) / 2;
+        second.column += r.width;
+        second.width -= r.width;
+    } else {
+        r.height = (r.height + 1) / 2;
+        second.row += r.height;
+        second.height -= r.height;
+    }
+    return {r, second};
+}
 
 /// Squares of `side` pixels of the picture's grid, as far as they lie in the crop, counted row by
 /// row.
