@@ -345,15 +345,16 @@ private:
         shown_ = line;
     }
 
-    [[nodiscard]] Outcome summary() const {
+    Outcome summary() {
         if (gives_up_)
             return *gives_up_;
         if (failures_.empty())
             return {};
         const bool cancelled = std::ranges::all_of(
             failures_, [](const Outcome& o) { return o.code == ExitCode::cancelled; });
-        return {cancelled ? ExitCode::cancelled : ExitCode::job_failed,
-                fmt::format("{} of {} frames have failed", failures_.size(), waiting_.size())};
+        return {
+            cancelled ? ExitCode::cancelled : ExitCode::job_failed,
+            said(fmt::format("{} of {} frames are not drawn", failures_.size(), waiting_.size()))};
     }
 
     /// Jobs go on, where there is a farm; frames that were not submitted yet are not.

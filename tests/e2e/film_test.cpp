@@ -1,8 +1,10 @@
 // Films: fraja-submit --travel, with real processes.
 #include "tests/e2e/farm.hpp"
 
+#include <csignal>
 #include <doctest/doctest.h>
 #include <fstream>
+#include <sstream>
 
 namespace fraja::e2e {
 namespace {
@@ -15,6 +17,21 @@ Words film(const std::string& output, Words more = {}) {
     words.insert(words.end(), small.begin(), small.end());
     words.insert(words.end(), more.begin(), more.end());
     return words;
+}
+
+/// The id of the one job of that name; empty: there is none.
+std::string frame_job(Farm& farm, const std::string& name) {
+    const auto list =
+        run({{program("fraja-ctl"), "-b", farm.endpoint(), "jobs", "--json"}}, patience);
+    REQUIRE(list.has_value());
+    std::string id;
+    std::istringstream lines(list->out);
+    for (std::string line; std::getline(lines, line);)
+        if (const auto job = nlohmann::json::parse(line); job.at("name") == name) {
+            CHECK(id.empty());
+            id = job.at("job");
+        }
+    return id;
 }
 
 TEST_CASE("a film's frames are the pictures that --local draws of them, in numbered files") {
@@ -144,6 +161,69 @@ TEST_CASE("what is wrong with a film is said before anything is submitted, with 
         CHECK_MESSAGE(result.err.find(row.says) != std::string::npos, result.err);
     }
     CHECK_FALSE(fs::exists(scratch.file("1.png")));
+}
+
+TEST_CASE("a film that is left goes on with what was begun, and is taken over") {
+    const Scratch scratch;
+    Farm farm; // nobody draws yet
+    const Words words = film(scratch.file("%d.png"), {"--frames", "1-3", "--progress", "json"});
+    Process left = farm.start_submit(words);
+    // It looks around for as long as it lives, and says something as long as something changes.
+    const auto first = left.wait_for_line(
+        Process::Stream::err,
+        [](std::string_view line) { return line.find("film_progress") != std::string_view::npos; },
+        patience);
+    REQUIRE_MESSAGE(first.has_value(), left.story());
+    const auto progress = nlohmann::json::parse(*first);
+    CHECK(progress.at("schema") == "fraja.film_progress/1");
+    CHECK(progress.at("film").get<std::string>().size() == 36);
+    CHECK(progress.at("frames") == 3);
+    CHECK(progress.at("frames_done") == 0);
+    CHECK(progress.at("share_done") == 0.0);
+    while (frame_job(farm, "cone-0003").empty()) {
+    }
+    const std::string third = frame_job(farm, "cone-0003");
+    left.send(SIGINT);
+    CHECK(left.wait_for_exit(patience) == 128 + SIGINT);
+    INFO(left.story());
+    CHECK(left.err().find("of 3 frames 0 are written, 0 were not begun") != std::string::npos);
+    CHECK(left.err().find("--skip-existing --resume") != std::string::npos);
+    CHECK(left.err().find("3 frame(s) go on") != std::string::npos);
+
+    const auto timed_out = farm.submit(
+        film(scratch.file("%d.png"), {"--frames", "2", "--resume", "--timeout", "300ms"}));
+    CHECK(timed_out.exit == 124);
+    CHECK(timed_out.err.find("the time is up; of 1 frames 0 are written") != std::string::npos);
+
+    farm.add_worker("one", {"-j", "2"});
+    const auto taken_over = farm.submit(with(words, {"--resume", "--skip-existing"}));
+    REQUIRE_MESSAGE(taken_over.exit == 0, taken_over.err);
+    CHECK(taken_over.err.find(R"("frames_done":3,"frames":3,"share_done":1.0000)") !=
+          std::string::npos);
+    for (const char* name : {"1.png", "2.png", "3.png"})
+        CHECK(fs::exists(scratch.file(name)));
+    CHECK(frame_job(farm, "cone-0003") == third); // no second one of it
+}
+
+TEST_CASE("a film's frame that is cancelled is told, and the others are written") {
+    const Scratch scratch;
+    Farm farm; // nobody draws yet
+    Process drawn = farm.start_submit(film(scratch.file("%d.png"), {"--frames", "1-3"}));
+    std::string id;
+    while (id.empty())
+        id = frame_job(farm, "cone-0002");
+    const auto cancelled =
+        run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", id}}, patience);
+    REQUIRE(cancelled.has_value());
+    CHECK(cancelled->exit == 0);
+    farm.add_worker("one", {"-j", "2"});
+    CHECK(drawn.wait_for_exit(patience) == 5);
+    INFO(drawn.story());
+    CHECK(drawn.err().find("frame 2: ") != std::string::npos);
+    CHECK(drawn.err().find("error: 1 of 3 frames are not drawn") != std::string::npos);
+    CHECK(fs::exists(scratch.file("1.png")));
+    CHECK_FALSE(fs::exists(scratch.file("2.png")));
+    CHECK(fs::exists(scratch.file("3.png")));
 }
 
 TEST_CASE("a film without a broker ends with 3 and says so once") {
