@@ -101,7 +101,7 @@ JobPlan random_job(Rng& rng, std::size_t index) {
         job.settings.crop = {3, 1, job.settings.size.width - 5, job.settings.size.height - 4};
     job.settings.depth = 1 + static_cast<std::uint32_t>(index);
     job.priority = static_cast<std::int32_t>(rng.below(3));
-    job.scene_bytes = rng.below(8) == 0 ? 600'000 : 100 + rng.below(1000);
+    job.scene_bytes = rng.below(40) == 0 ? 600'000 : 100 + rng.below(1000);
     job.wishes = random_wishes(rng);
     job.work = random_work(rng, job.settings.size, std::pow(10, rng.between(0, 3)));
     switch (rng.below(6)) {
