@@ -47,6 +47,14 @@ struct FakeJob {
     std::uint32_t repair_tiles_max = 256;
 };
 
+/// One that the broker has before anybody asks.
+inline FakeJob existing(std::uint32_t done_at_start = 0) {
+    FakeJob job;
+    job.exists_at_start = true;
+    job.done_at_start = done_at_start;
+    return job;
+}
+
 class FakeFarm {
 public:
     FakeFarm(FakeJob job, Faults faults, std::uint64_t seed)

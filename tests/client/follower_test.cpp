@@ -16,13 +16,6 @@ WatchRequest watch_request() {
     return {"cone", {{"tcp://127.0.0.1:50057"}, 60s, "test"}, {}};
 }
 
-FakeJob existing(std::uint32_t done_at_start = 0) {
-    FakeJob job;
-    job.exists_at_start = true;
-    job.done_at_start = done_at_start;
-    return job;
-}
-
 /// Every tile that is done came exactly once, with its own pixels.
 void check_delivered(const FakeFarm& farm, std::uint32_t count) {
     CHECK(farm.pixels_right);

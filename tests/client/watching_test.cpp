@@ -16,13 +16,6 @@ SessionOptions session() {
     return {{"tcp://127.0.0.1:50057"}, 10s, "test"};
 }
 
-FakeJob existing(std::uint32_t done_at_start) {
-    FakeJob job;
-    job.exists_at_start = true;
-    job.done_at_start = done_at_start;
-    return job;
-}
-
 } // namespace
 
 TEST_CASE("a watcher leaves at the share that was asked for") {
