@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace fraja::sim {
 namespace {
@@ -141,6 +142,17 @@ void add_film(Rng& rng, Scenario& s) {
     }
 }
 
+/// Jobs that few workers may draw: what these take at worst, one after the other.
+Duration alone_on_slowest(const Scenario& s) {
+    double rays_per_s = std::numeric_limits<double>::infinity(), rays = 0;
+    for (const WorkerPlan& worker : s.workers)
+        rays_per_s = std::min(rays_per_s, worker.threads * worker.rays_per_s);
+    for (const JobPlan& job : s.jobs)
+        if (job.wishes.workers_max > 0)
+            rays += job.work.rays();
+    return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(rays / rays_per_s));
+}
+
 } // namespace
 
 Scenario random_scenario(std::uint64_t seed) {
@@ -165,7 +177,7 @@ Scenario random_scenario(std::uint64_t seed) {
     if (rng.below(3) == 0)
         add_film(rng, s);
     // All frames may be for one worker alone, at minutes each.
-    s.ends_at = s.faults.heals_at + 30min + 5min * (s.jobs.size() - jobs);
+    s.ends_at = s.faults.heals_at + 30min + 5min * (s.jobs.size() - jobs) + alone_on_slowest(s);
     return s;
 }
 
