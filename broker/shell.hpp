@@ -6,6 +6,7 @@
 #include "broker/limits.hpp"
 #include "broker/upstream.hpp"
 #include "common/base/result.hpp"
+#include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/net/sockets.hpp"
 #include "common/net/waker.hpp"
@@ -34,7 +35,7 @@ private:
 };
 
 struct Options {
-    std::string bind = "tcp://127.0.0.1:50057";    ///< workers and clients
+    std::string bind = net::default_broker;        ///< workers and clients
     std::string publish = "tcp://127.0.0.1:50058"; ///< the stream
     bool insecure =
         false; ///< allow endpoints that other machines can reach, though nobody has keys

@@ -36,10 +36,6 @@ std::string lower_case(std::string text) {
     return text;
 }
 
-Error io_error(const std::filesystem::path& path, std::string_view reason) {
-    return {ErrorCode::io, path.string() + ": " + std::string(reason)};
-}
-
 /// OpenEXR would start a pool as wide as the machine, under the feet of the render threads. One
 /// picture at the end of a job needs none. (So would OpenImageIO, but not where a file is taken row
 /// by row; its attribute "threads" would start the pool before it makes it small.)

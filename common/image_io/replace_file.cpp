@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <fcntl.h>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <unistd.h>
 #include <utility>
@@ -14,10 +15,6 @@ namespace fraja {
 namespace {
 
 namespace fs = std::filesystem;
-
-Error refused(const fs::path& path, const std::string& reason) {
-    return {ErrorCode::io, path.string() + ": " + reason};
-}
 
 std::string errno_text() {
     return std::error_code(errno, std::generic_category()).message();
@@ -77,10 +74,14 @@ private:
 
 } // namespace
 
+Error io_error(const fs::path& path, std::string_view reason) {
+    return {ErrorCode::io, path.string() + ": " + std::string(reason)};
+}
+
 Result<void> replace_file(const fs::path& path, std::span<const std::byte> bytes) {
     PendingFile file(path);
     if (!file.created() || !file.write(bytes) || !file.close() || !file.move_to_target())
-        return refused(path, errno_text());
+        return io_error(path, errno_text());
     return {};
 }
 
@@ -88,18 +89,18 @@ Result<void> check_replaceable(const fs::path& path) {
     std::error_code ec;
     const fs::file_status there = fs::status(path, ec);
     if (fs::is_directory(there))
-        return refused(path, "this is a directory");
+        return io_error(path, "this is a directory");
     if (fs::exists(there) && !fs::is_regular_file(there))
-        return refused(path, "this is no ordinary file");
+        return io_error(path, "this is no ordinary file");
     if (fs::exists(there) && ::access(path.c_str(), W_OK) != 0)
-        return refused(path, errno_text());
+        return io_error(path, errno_text());
     if (ec && there.type() != fs::file_type::not_found)
-        return refused(path, ec.message());
+        return io_error(path, ec.message());
     const fs::path folder = path.has_parent_path() ? path.parent_path() : ".";
     if (!fs::is_directory(folder, ec) && !fs::is_symlink(path, ec))
-        return refused(path, "there is no directory " + folder.string());
+        return io_error(path, "there is no directory " + folder.string());
     if (!PendingFile(path).created())
-        return refused(path, "no file can be made there: " + errno_text());
+        return io_error(path, "no file can be made there: " + errno_text());
     return {};
 }
 

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <span>
+#include <string_view>
 
 namespace fraja {
 
@@ -18,5 +19,8 @@ namespace fraja {
 /// Whether replace_file() could put an empty file there, found by trying all but the rename.
 /// Errors: io (no such directory, no permission, a directory or a write-protected file there).
 [[nodiscard]] Result<void> check_replaceable(const std::filesystem::path& path);
+
+/// What went wrong with that file.
+[[nodiscard]] Error io_error(const std::filesystem::path& path, std::string_view reason);
 
 } // namespace fraja

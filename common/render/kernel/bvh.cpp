@@ -273,14 +273,14 @@ private:
     }
 
     static void set_box(BvhNode& node, std::size_t i, const Box& box) {
-        constexpr float beyond = std::numeric_limits<float>::infinity();
+        constexpr float infinity = std::numeric_limits<float>::infinity();
         for (std::size_t c = 0; c < 3; ++c) { // rounded outwards
             const auto low = static_cast<float>(box.low[c]);
             const auto high = static_cast<float>(box.high[c]);
             node.low[c][i] =
-                static_cast<double>(low) > box.low[c] ? std::nextafter(low, -beyond) : low;
+                static_cast<double>(low) > box.low[c] ? std::nextafter(low, -infinity) : low;
             node.high[c][i] =
-                static_cast<double>(high) < box.high[c] ? std::nextafter(high, beyond) : high;
+                static_cast<double>(high) < box.high[c] ? std::nextafter(high, infinity) : high;
         }
     }
 
