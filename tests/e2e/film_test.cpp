@@ -34,6 +34,13 @@ std::string frame_job(Farm& farm, const std::string& name) {
     return id;
 }
 
+std::string wait_for_frame_job(Farm& farm, const std::string& name) {
+    std::string id;
+    while (id.empty())
+        id = frame_job(farm, name);
+    return id;
+}
+
 TEST_CASE("a film's frames are the pictures that --local draws of them, in numbered files") {
     const Scratch scratch;
     Farm farm;
@@ -180,9 +187,7 @@ TEST_CASE("a film that is left goes on with what was begun, and is taken over") 
     CHECK(progress.at("frames") == 3);
     CHECK(progress.at("frames_done") == 0);
     CHECK(progress.at("share_done") == 0.0);
-    while (frame_job(farm, "cone-0003").empty()) {
-    }
-    const std::string third = frame_job(farm, "cone-0003");
+    const std::string third = wait_for_frame_job(farm, "cone-0003");
     left.send(SIGINT);
     CHECK(left.wait_for_exit(patience) == 128 + SIGINT);
     INFO(left.story());
@@ -209,9 +214,7 @@ TEST_CASE("a film's frame that is cancelled is told, and the others are written"
     const Scratch scratch;
     Farm farm; // nobody draws yet
     Process drawn = farm.start_submit(film(scratch.file("%d.png"), {"--frames", "1-3"}));
-    std::string id;
-    while (id.empty())
-        id = frame_job(farm, "cone-0002");
+    const std::string id = wait_for_frame_job(farm, "cone-0002");
     const auto cancelled =
         run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", id}}, patience);
     REQUIRE(cancelled.has_value());
