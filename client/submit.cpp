@@ -117,7 +117,7 @@ public:
     SubmitProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console) {
         report_.started = std::chrono::system_clock::now();
-        started_ = net::program_start();
+        started_ = net::now();
         report_.job_name = options.job_name;
         report_.scene_file = options.scene_file;
         report_.settings = options.settings;

@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <fcntl.h>
 #include <string>
-#include <string_view>
 #include <system_error>
 #include <unistd.h>
 #include <utility>
@@ -73,10 +72,6 @@ private:
 };
 
 } // namespace
-
-Error io_error(const fs::path& path, std::string_view reason) {
-    return {ErrorCode::io, path.string() + ": " + std::string(reason)};
-}
 
 Result<void> replace_file(const fs::path& path, std::span<const std::byte> bytes) {
     PendingFile file(path);

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <span>
+#include <string>
 #include <string_view>
 
 namespace fraja {
@@ -21,6 +22,8 @@ namespace fraja {
 [[nodiscard]] Result<void> check_replaceable(const std::filesystem::path& path);
 
 /// What went wrong with that file.
-[[nodiscard]] Error io_error(const std::filesystem::path& path, std::string_view reason);
+[[nodiscard]] inline Error io_error(const std::filesystem::path& path, std::string_view reason) {
+    return {ErrorCode::io, path.string() + ": " + std::string(reason)};
+}
 
 } // namespace fraja

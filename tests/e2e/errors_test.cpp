@@ -8,6 +8,20 @@
 using namespace fraja;
 using namespace fraja::e2e;
 
+namespace {
+
+/// Of GCC's, a shared library of which there is one in every C++ program.
+std::string library_of_this_program() {
+    std::ifstream maps("/proc/self/maps");
+    for (std::string line; std::getline(maps, line);)
+        if (contains(line, "libgcc_s.so"))
+            return line.substr(line.find('/'));
+    FAIL("no libgcc_s.so");
+    return {};
+}
+
+} // namespace
+
 TEST_CASE("every invalid scene exits with 2 and nothing is submitted") {
     const Scratch scratch;
     Farm farm;
@@ -86,6 +100,41 @@ TEST_CASE("mistakes on the command line exit with 2 and say what is wrong") {
         CHECK(result.out.empty());
         CHECK(contains(result.err, row.says));
     }
+}
+
+TEST_CASE("the library for pictures is loaded from beside the program, when a picture is wanted") {
+    const Scratch scratch;
+    fs::create_directories(scratch.file("bin"));
+    fs::create_directories(scratch.file("lib/fraja"));
+    const std::string name = "lib/fraja/picture_codec.so";
+    const fs::path built = fs::path(FRAJA_BIN_DIR) / ".." / name;
+    const std::string alone = scratch.file("bin/fraja-submit"), library = scratch.file(name);
+    const std::string picture = scratch.file("x.png");
+    fs::copy_file(program("fraja-submit"), alone);
+    const auto draw = [&] {
+        auto result = run({{alone, "--local", scene("cone"), "-r", "8x6", "-o", picture}}, patience);
+        REQUIRE(result.has_value());
+        return *std::move(result);
+    };
+    const auto fails = [&](std::string_view why) {
+        const RunResult result = draw();
+        CAPTURE(result.err);
+        CHECK(result.exit == 2);
+        CHECK(contains(result.err, fs::canonical(scratch.file("")).string() + "/" + name + ": "));
+        CHECK(contains(result.err, why));
+        CHECK_FALSE(fs::exists(picture));
+    };
+    CHECK(run({{alone, "--version"}}, patience)->exit == 0);
+    fails("there is no such file");
+    std::ofstream(library) << "this is no library";
+    fails("file too short");
+    fs::copy_file(library_of_this_program(), library, fs::copy_options::overwrite_existing);
+    fails("is of another version than fraja-submit");
+    fs::copy_file(built, library, fs::copy_options::overwrite_existing);
+    const RunResult result = draw();
+    INFO(result.err);
+    CHECK(result.exit == 0);
+    CHECK(fs::exists(picture));
 }
 
 TEST_CASE("without a broker it exits with 3 within the time given") {

@@ -1,0 +1,194 @@
+// The codec over OpenImageIO: a library of its own, see picture_codec.hpp.
+#include "common/image_io/picture_codec.hpp"
+#include "common/image_io/replace_file.hpp"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <algorithm>
+#include <cctype>
+#include <memory>
+
+namespace fraja {
+namespace {
+
+/// OpenEXR would start a pool as wide as the machine, under the feet of the render threads. One
+/// picture at the end of a job needs none. (So would OpenImageIO, but not where a file is taken row
+/// by row; its attribute "threads" would start the pool before it makes it small.)
+void keep_openexr_to_one_thread() {
+    static const bool done = OIIO::attribute("exr_threads", -1);
+    static_cast<void>(done);
+}
+
+/// The reason OpenImageIO gives, on one line.
+std::string reason_of(std::string text) {
+    while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())))
+        text.pop_back();
+    std::ranges::replace(text, '\n', ' ');
+    return text.empty() ? "OpenImageIO gives no reason" : text;
+}
+
+bool write_rows(OIIO::ImageOutput& out, const OIIO::ImageSpec& spec, const void* pixels) {
+    const auto* row = static_cast<const std::byte*>(pixels);
+    for (int y = spec.y; y < spec.y + spec.height; ++y, row += spec.scanline_bytes())
+        if (!out.write_scanline(y, 0, spec.format, row))
+            return false;
+    return true;
+}
+
+OIIO::ImageSpec spec_of(const PictureToEncode& picture) {
+    const PixelRect& window = picture.window;
+    const bool floats = std::holds_alternative<std::span<const float>>(picture.pixels);
+    OIIO::ImageSpec spec(static_cast<int>(window.width), static_cast<int>(window.height), 3,
+                         floats ? OIIO::TypeFloat : OIIO::TypeUInt8);
+    // Where this is missing, .tif and .exr get the time of day, and no two files are equal.
+    spec.attribute("DateTime", "");
+    if (picture.estimates) {
+        spec.nchannels = 5;
+        spec.channelnames = {"R", "G", "B", "samples", "error"};
+    }
+    if (picture.format.starts_with("jp")) { // .png would keep it as text
+        spec.attribute("Compression", "jpeg:95");
+        spec.attribute("jpeg:subsampling", "4:4:4"); // colours as sharp as brightness
+    }
+    spec.x = static_cast<int>(window.x);
+    spec.y = static_cast<int>(window.y);
+    spec.full_width = static_cast<int>(picture.extent.width);
+    spec.full_height = static_cast<int>(picture.extent.height);
+    for (const PictureAttribute& attribute : picture.attributes)
+        spec.attribute(attribute.name, attribute.value);
+    return spec;
+}
+
+Result<std::unique_ptr<OIIO::ImageInput>> open_file(const std::filesystem::path& path) {
+    keep_openexr_to_one_thread();
+    std::error_code ec;
+    if (!std::filesystem::exists(path, ec))
+        return io_error(path, ec ? ec.message() : "there is no such file");
+    // Levels as they stand: no multiplication with alpha.
+    OIIO::ImageSpec wishes;
+    wishes.attribute("oiio:UnassociatedAlpha", 1);
+    std::unique_ptr<OIIO::ImageInput> in = OIIO::ImageInput::open(path.string(), &wishes);
+    if (!in)
+        return io_error(path, reason_of(OIIO::geterror()));
+    return in;
+}
+
+/// All channels of the first picture in the file.
+template <class T>
+Result<std::vector<T>> read_channels(const std::filesystem::path& path, OIIO::ImageInput& in) {
+    const OIIO::ImageSpec& spec = in.spec();
+    if (spec.width < 1 || spec.height < 1 || spec.depth != 1 || spec.nchannels < 1)
+        return io_error(path, "this is not a flat picture");
+    const auto width = static_cast<std::uint64_t>(spec.width);
+    const std::uint64_t pixel_count = width * static_cast<std::uint64_t>(spec.height);
+    const auto channels = static_cast<std::size_t>(spec.nchannels);
+    if (pixel_count > picture_pixels_max || channels > 5)
+        return Error{ErrorCode::limit_exceeded, path.string() + ": too many pixels or channels"};
+    std::vector<T> all(pixel_count * channels);
+    for (int y = 0; y < spec.height; ++y)
+        if (!in.read_scanline(spec.y + y, 0, OIIO::BaseTypeFromC<T>::value,
+                              &all[static_cast<std::size_t>(y) * width * channels]))
+            return io_error(path, reason_of(in.geterror()));
+    return all;
+}
+
+/// Of those channels the three that are colours.
+template <class T>
+std::vector<T> colours_of(std::vector<T> all, std::size_t channels) {
+    if (channels == 3)
+        return all;
+    const std::size_t pixel_count = all.size() / channels;
+    std::vector<T> rgb(pixel_count * 3);
+    for (std::size_t i = 0; i < pixel_count; ++i)
+        for (std::size_t c = 0; c < 3; ++c)
+            rgb[3 * i + c] = all[channels * i + (channels < 3 ? 0 : c)];
+    return rgb;
+}
+
+/// One of those channels, by its name; empty without it.
+std::vector<float> channel_of(const std::vector<float>& all, const OIIO::ImageSpec& spec,
+                              std::string_view name) {
+    const int index = spec.channelindex(name);
+    std::vector<float> values;
+    if (index >= 0)
+        for (auto i = static_cast<std::size_t>(index); i < all.size();
+             i += static_cast<std::size_t>(spec.nchannels))
+            values.push_back(all[i]);
+    return values;
+}
+
+class OiioCodec final : public PictureCodec {
+public:
+    Result<std::vector<unsigned char>> encode(const PictureToEncode& picture) const override {
+        keep_openexr_to_one_thread();
+        OIIO::ImageSpec spec = spec_of(picture);
+        std::vector<unsigned char> bytes;
+        OIIO::Filesystem::IOVecOutput memory(bytes);
+        OIIO::Filesystem::IOProxy* proxy = &memory;
+        spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+        const std::string name(picture.format);
+        const std::unique_ptr<OIIO::ImageOutput> out = OIIO::ImageOutput::create(name);
+        if (!out)
+            return Error{ErrorCode::io, reason_of(OIIO::geterror())};
+        const auto write = [&](const auto& pixels) {
+            return out->open("picture." + name, spec) && write_rows(*out, spec, pixels.data()) &&
+                   out->close();
+        };
+        if (!std::visit(write, picture.pixels))
+            return Error{ErrorCode::io, reason_of(out->geterror())};
+        return bytes;
+    }
+
+    Result<LevelsPicture> read_levels(const std::filesystem::path& path) const override {
+        const auto in = open_file(path);
+        if (!in)
+            return in.error();
+        const OIIO::ImageSpec& spec = (*in)->spec();
+        if (spec.format != OIIO::TypeUInt8)
+            return io_error(path,
+                            std::string("holds ") + spec.format.c_str() + ", not 8-bit levels");
+        auto all = read_channels<std::uint8_t>(path, **in);
+        if (!all)
+            return all.error();
+        return LevelsPicture{
+            {static_cast<std::uint32_t>(spec.width), static_cast<std::uint32_t>(spec.height)},
+            colours_of(*std::move(all), static_cast<std::size_t>(spec.nchannels))};
+    }
+
+    Result<RadiancePicture> read_radiance(const std::filesystem::path& path) const override {
+        const auto in = open_file(path);
+        if (!in)
+            return in.error();
+        const OIIO::ImageSpec& spec = (*in)->spec();
+        if (spec.format != OIIO::TypeFloat && spec.format != OIIO::TypeHalf)
+            return io_error(path,
+                            std::string("holds ") + spec.format.c_str() + ", not linear floats");
+        if (spec.x < 0 || spec.y < 0 || spec.full_width < 1 || spec.full_height < 1)
+            return io_error(path, "its pixels lie outside of its picture");
+        auto all = read_channels<float>(path, **in);
+        if (!all)
+            return all.error();
+        RadiancePicture picture;
+        picture.extent = {static_cast<std::uint32_t>(spec.full_width),
+                          static_cast<std::uint32_t>(spec.full_height)};
+        picture.window = {static_cast<std::uint32_t>(spec.x), static_cast<std::uint32_t>(spec.y),
+                          static_cast<std::uint32_t>(spec.width),
+                          static_cast<std::uint32_t>(spec.height)};
+        picture.samples = channel_of(*all, spec, "samples");
+        picture.error = channel_of(*all, spec, "error");
+        picture.rgb = colours_of(*std::move(all), static_cast<std::size_t>(spec.nchannels));
+        for (const OIIO::ParamValue& value : spec.extra_attribs)
+            if (value.type() == OIIO::TypeString)
+                picture.attributes.push_back({value.name().string(), value.get_string()});
+        std::ranges::sort(picture.attributes, {}, &PictureAttribute::name);
+        return picture;
+    }
+};
+
+} // namespace
+} // namespace fraja
+
+extern "C" [[gnu::visibility("default")]] const fraja::PictureCodec* FRAJA_PICTURE_CODEC_ENTRY() {
+    static const fraja::OiioCodec codec;
+    return &codec;
+}

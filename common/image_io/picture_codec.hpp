@@ -1,0 +1,42 @@
+// What makes pixels a file's bytes, and back: OpenImageIO, behind an interface, in a library that
+// is loaded when the first picture needs it. It brings 260 others and takes a quarter of a second,
+// which who lists jobs, or mistypes an option, need not wait for.
+#pragma once
+
+#include "common/image_io/picture_file.hpp"
+
+#include <string_view>
+#include <variant>
+
+namespace fraja {
+
+/// A picture to encode. There is at least one pixel.
+struct PictureToEncode {
+    std::string_view format; ///< an extension, without its dot
+    Extent extent;           ///< of the whole picture
+    PixelRect window;        ///< of it that the pixels are; levels are all of it
+    /// Row-major from the top left. Levels are RGB; floats also, or with samples and error behind.
+    std::variant<std::span<const std::uint8_t>, std::span<const float>> pixels;
+    bool estimates = false; ///< those are there
+    std::span<const PictureAttribute> attributes;
+};
+
+class PictureCodec {
+public:
+    virtual ~PictureCodec() = default;
+    /// The same picture gives the same bytes, at any time. Errors: io, saying only why.
+    [[nodiscard]] virtual Result<std::vector<unsigned char>>
+    encode(const PictureToEncode& picture) const = 0;
+    /// As fraja::read_levels().
+    [[nodiscard]] virtual Result<LevelsPicture>
+    read_levels(const std::filesystem::path& path) const = 0;
+    /// As fraja::read_radiance().
+    [[nodiscard]] virtual Result<RadiancePicture>
+    read_radiance(const std::filesystem::path& path) const = 0;
+};
+
+/// The codec, loaded at the first call, for good; may be called by any thread. The library lies at
+/// ../lib/fraja, seen from the program's own folder. Errors: io, naming the library and the reason.
+[[nodiscard]] Result<const PictureCodec*> picture_codec();
+
+} // namespace fraja
