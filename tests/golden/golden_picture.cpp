@@ -1,11 +1,10 @@
-// golden_picture SCENE REFERENCE.png [-r WxH] [-d N] [-a N] [-e] [-D] [--middle N] [--fast
-// PERMILLE]
+// golden_picture SCENE REFERENCE.png [-r WxH] [-d N] [-a N] [-e] [-D] [--middle N] --fast PERMILLE
 //
-// Draws a scene and compares it, level by level, with the picture that Raja made of it. --middle
-// does so only for the middle, 1/N of the picture's width and of its height. --fast draws with the
-// fast kernel, of which that share of the pixels may differ by more than one level. When they
-// differ, the picture, the reference and the difference are left side by side in a file in the
-// current directory.
+// Draws a scene and compares it, level by level, with the picture that Raja made of it: by the
+// reference kernel, and by the fast one, of which that share of the pixels may differ by more than
+// one level. --middle does so only for the middle, 1/N of the picture's width and of its height.
+// When they differ, the picture, the reference and the difference are left side by side in a file
+// in the current directory.
 #include "common/base/text.hpp"
 #include "common/image/quantise.hpp"
 #include "common/image_io/picture_file.hpp"
@@ -26,8 +25,7 @@ struct Options {
     std::filesystem::path scene, reference;
     RenderSettings settings;
     std::uint32_t middle = 1;
-    Kernel kernel = Kernel::reference;
-    std::uint32_t may_differ_permille = 0; ///< by more than one level; with the reference, at all
+    std::uint32_t may_differ_permille = 0; ///< by more than one level, of the fast kernel
 };
 
 [[noreturn]] void fail(const std::string& why) {
@@ -51,7 +49,7 @@ std::uint32_t count_or_fail(std::string_view text) {
 
 Options parse(std::span<char*> words) {
     if (words.size() < 3)
-        fail("golden_picture SCENE REFERENCE.png [Raja's options] [--middle N]");
+        fail("golden_picture SCENE REFERENCE.png [Raja's options] [--middle N] --fast PERMILLE");
     Options options{.scene = words[1], .reference = words[2], .settings = {}};
     bool diadic = false;
     for (std::size_t i = 3; i < words.size(); ++i) {
@@ -65,10 +63,9 @@ Options parse(std::span<char*> words) {
             options.settings.depth = count_or_fail(value), ++i;
         else if (word == "--middle")
             options.middle = std::max(1u, count_or_fail(value)), ++i;
-        else if (word == "--fast") {
-            options.kernel = Kernel::fast;
+        else if (word == "--fast")
             options.may_differ_permille = count_or_fail(value), ++i;
-        } else if (word == "-a")
+        else if (word == "-a")
             options.settings.aa = count_or_fail(value), ++i;
         else if (const auto size = parse_extent(value); word == "-r" && size)
             options.settings.size = *size, ++i;
@@ -134,34 +131,40 @@ Difference compare(std::span<const std::uint8_t> ours, std::span<const std::uint
     return d;
 }
 
-int run(const Options& options) {
-    auto scene = std::make_shared<const Scene>(require(read_raj_file(options.scene)));
-    const LevelsPicture reference = require(read_levels(options.reference));
-    const RenderSettings& settings = options.settings;
-    if (reference.extent != settings.size)
-        fail("the reference has another size");
-    const PixelRect region = middle_of(settings.size, options.middle);
-    const auto compiled = compile_scene(std::move(scene), options.kernel);
-    const Drawn drawn = require(draw(*compiled, settings, region));
-    std::printf("%llu rays, %llu shadow rays\n",
-                static_cast<unsigned long long>(drawn.rays.traced()),
-                static_cast<unsigned long long>(drawn.rays.shadow));
-
+/// Whether the picture of that kernel is as good as it must be; says how it differs.
+bool check(const std::shared_ptr<const Scene>& scene, Kernel kernel, const Options& options,
+           PixelRect region, std::span<const std::uint8_t> theirs) {
+    const auto compiled = compile_scene(scene, kernel);
+    const Drawn drawn = require(draw(*compiled, options.settings, region));
     const std::vector<std::uint8_t> ours = quantise(drawn.film.pixels());
-    const std::vector<std::uint8_t> theirs = cut_out(reference, region);
     const Difference d = compare(ours, theirs);
     const std::size_t pixels = ours.size() / 3;
-    std::printf(
-        "%zu of %zu pixels differ, %zu by more than one level, by up to %d; one at %zu,%zu\n",
-        d.pixels, pixels, d.clear_pixels, d.greatest, region.x + d.first % region.width,
-        region.y + d.first / region.width);
-    const bool good = options.kernel == Kernel::reference
+    const std::string_view name = kernel == Kernel::reference ? "reference" : "fast";
+    std::printf("%-9s: %llu rays, %llu shadow rays; %zu of %zu pixels differ, %zu by more than one "
+                "level, by up to %d; one at %zu,%zu\n",
+                name.data(), static_cast<unsigned long long>(drawn.rays.traced()),
+                static_cast<unsigned long long>(drawn.rays.shadow), d.pixels, pixels,
+                d.clear_pixels, d.greatest, region.x + d.first % region.width,
+                region.y + d.first / region.width);
+    const bool good = kernel == Kernel::reference
                           ? d.pixels == 0
                           : 1000 * d.clear_pixels <= options.may_differ_permille * pixels;
-    if (good)
-        return 0;
-    write_side_by_side("differs_" + options.reference.filename().string(), region, ours, theirs);
-    return 1;
+    if (!good)
+        write_side_by_side(std::string(name) + "_differs_" + options.reference.filename().string(),
+                           region, ours, theirs);
+    return good;
+}
+
+int run(const Options& options) {
+    const auto scene = std::make_shared<const Scene>(require(read_raj_file(options.scene)));
+    const LevelsPicture reference = require(read_levels(options.reference));
+    if (reference.extent != options.settings.size)
+        fail("the reference has another size");
+    const PixelRect region = middle_of(options.settings.size, options.middle);
+    const std::vector<std::uint8_t> theirs = cut_out(reference, region);
+    const bool reference_good = check(scene, Kernel::reference, options, region, theirs);
+    const bool fast_good = check(scene, Kernel::fast, options, region, theirs);
+    return reference_good && fast_good ? 0 : 1;
 }
 
 } // namespace
