@@ -1,7 +1,8 @@
 # fraja_room(<name> [SOURCES ...] [HEADERS ...] [PUBLIC ...] [PRIVATE ...])
 #
-# One room: the library fraja_<name> (alias fraja::<name>) of the files listed. HEADERS are part of the
-# all_verify_interface_header_sets target, which compiles each of them alone.
+# One room: the library fraja_<name> (alias fraja::<name>) of the files listed. The target
+# all_verify_interface_header_sets compiles each of HEADERS alone, but those that their own source includes first: the
+# room's build has done so.
 # PUBLIC rooms show in this room's headers, PRIVATE ones only in its sources.
 function(fraja_room name)
     cmake_parse_arguments(ARG "" "" "SOURCES;HEADERS;PUBLIC;PRIVATE" ${ARGN})
@@ -20,8 +21,29 @@ function(fraja_room name)
     target_include_directories(${target} ${scope} ${PROJECT_SOURCE_DIR})
     if(ARG_HEADERS)
         target_sources(${target} ${scope} FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR} FILES ${ARG_HEADERS})
-        set_target_properties(${target} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
+        fraja_compiled_alone(compiled ${ARG_SOURCES})
+        set(others ${ARG_HEADERS})
+        list(REMOVE_ITEM others ${compiled})
+        if(others)
+            target_sources(${target} ${scope} FILE_SET others TYPE HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR} FILES ${others})
+            set_target_properties(${target} PROPERTIES
+                VERIFY_INTERFACE_HEADER_SETS ON INTERFACE_HEADER_SETS_TO_VERIFY others)
+        endif()
     endif()
+endfunction()
+
+# fraja_compiled_alone(<variable> <source> ...): the headers that are the first thing which their own source includes.
+function(fraja_compiled_alone variable)
+    set(headers)
+    foreach(source IN LISTS ARGN)
+        string(REGEX REPLACE "\\.cpp$" ".hpp" header ${source})
+        file(RELATIVE_PATH path ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR}/${header})
+        file(STRINGS ${source} first REGEX "^#include" LIMIT_COUNT 1)
+        if(first STREQUAL "#include \"${path}\"")
+            list(APPEND headers ${header})
+        endif()
+    endforeach()
+    set(${variable} ${headers} PARENT_SCOPE)
 endfunction()
 
 # fraja_cold(<source> ...): sources that run once, as those that read command lines: CLI11 takes long to optimise.
