@@ -95,19 +95,40 @@ void Dispatcher::give_out() {
     }
 }
 
-/// A tile of the group to the least loaded worker that may have one.
+/// A tile of the group to the least loaded worker that may have one; of a party that wants few
+/// workers, to the fastest that is idle, as it stays with whom it has.
 bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
     const Party& party = *group.party;
     if (!party.is_film() && is_waiting_to_be_dealt_out(jobs_.at(group.places.begin()->job)))
         return false;
-    // any_of stops at the grant, which changes free_workers_ and the group.
-    return std::ranges::any_of(free_workers_, [&](const auto& free) {
-        const PeerId peer = free.second;
+    const auto give = [&](const PeerId& peer) {
         WorkerSession& worker = workers_.at(peer);
         return suits(worker, peer, party) &&
                ready_.any_for(group, frames_at_hand(worker, party),
                               [&](const JobId& job) { return grant(peer, worker, jobs_.at(job)); });
-    });
+    };
+    if (party.wishes().workers_max > party.workers().size())
+        if (const auto fastest = fastest_idle_worker(party); fastest && give(*fastest))
+            return true;
+    // any_of stops at the grant, which changes free_workers_ and the group.
+    return std::ranges::any_of(free_workers_,
+                               [&](const auto& free) { return give(PeerId(free.second)); });
+}
+
+std::optional<PeerId> Dispatcher::fastest_idle_worker(const Party& party) const {
+    std::optional<PeerId> fastest;
+    double best = 0;
+    for (const auto& [load, peer] : free_workers_) {
+        if (load > 0)
+            break; // and so are those behind it
+        const WorkerSession& worker = workers_.at(peer);
+        const double rays_per_s = speed_of(worker) * worker.hello.threads;
+        if (rays_per_s > best && suits(worker, peer, party)) {
+            best = rays_per_s;
+            fastest = peer;
+        }
+    }
+    return fastest;
 }
 
 /// The frames of the film that the worker is at, the one that it was given last before the others:

@@ -176,6 +176,7 @@ private:
     void offer_to_changed_workers();
     void give_out();
     [[nodiscard]] bool give_one_of(const ReadyJobs::Group& group);
+    [[nodiscard]] std::optional<PeerId> fastest_idle_worker(const Party& party) const;
     [[nodiscard]] static std::vector<JobId> frames_at_hand(const WorkerSession& worker,
                                                            const Party& party);
     [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer,

@@ -439,6 +439,24 @@ TEST_CASE("no more workers than were asked for have tiles of a job") {
     CHECK(farm.state(job).worker_count == 2);
 }
 
+TEST_CASE("a job for few workers goes to the fastest of those who are idle") {
+    Farm farm;
+    Machines machines(farm, {{"a", 1'000}, {"b", 4'000}, {"c", 2'000}}, uneven);
+    machines.run(farm.submit("client", automatic(1, 160, 120))); // and they are known
+    SubmitJob s = Farm::picture(2, 20);
+    s.wishes.workers_max = 2;
+    const JobId job = farm.submit("later", s);
+    CHECK(farm.state(job).worker_count == 2);
+    CHECK(farm.tiles("a").empty());
+    CHECK_FALSE(farm.tiles("b").empty());
+    CHECK_FALSE(farm.tiles("c").empty());
+    s.job = id_of<JobId>(3);
+    s.wishes.workers_max = 1; // of all of whom none is idle but the slow one
+    const JobId other = farm.submit("later", s);
+    CHECK(farm.state(other).worker_count == 1);
+    CHECK(farm.tiles("a").size() == 2);
+}
+
 TEST_CASE("every schedule draws the picture, and stealing ends before equal shares do") {
     std::map<Schedule, double> took;
     for (const Schedule schedule :
