@@ -51,6 +51,23 @@ function(fraja_cold)
     set_source_files_properties(${ARGN} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>;$<$<CONFIG:RelWithDebInfo>:-O0>")
 endfunction()
 
+# fraja_test_settings(<target>): how tests, and libraries of theirs, are compiled. What is tested runs as users run it; the
+# tests themselves are to be compiled soon, but those of rays compute much.
+function(fraja_test_settings target)
+    get_target_property(links ${target} LINK_LIBRARIES)
+    target_link_libraries(${target} PRIVATE fraja_flags)
+    target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR})
+    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
+    if(NOT "fraja::render" IN_LIST links)
+        target_compile_options(${target} PRIVATE $<$<CONFIG:RelWithDebInfo>:-O0>)
+    endif()
+    target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS
+        FRAJA_SOURCE_DIR="${PROJECT_SOURCE_DIR}" FRAJA_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+    if(FRAJA_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug") # a ray costs ten times as much
+        target_compile_definitions(${target} PRIVATE FRAJA_INSTRUMENTED)
+    endif()
+endfunction()
+
 # fraja_test(<name> SOURCES ... LINKS ... [LABELS ...]): a doctest program; each TEST_CASE becomes one ctest test.
 function(fraja_test name)
     cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
@@ -60,18 +77,8 @@ function(fraja_test name)
         target_link_libraries(fraja_test_main PUBLIC doctest::doctest PRIVATE fraja_flags)
     endif()
     add_executable(${target} ${ARG_SOURCES})
-    target_link_libraries(${target} PRIVATE ${ARG_LINKS} fraja_test_main fraja_flags)
-    target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR})
-    # What is tested runs as users run it; the tests themselves are to be compiled soon. Those of rays compute much.
-    target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
-    if(NOT "fraja::render" IN_LIST ARG_LINKS)
-        target_compile_options(${target} PRIVATE $<$<CONFIG:RelWithDebInfo>:-O0>)
-    endif()
-    target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS
-        FRAJA_SOURCE_DIR="${PROJECT_SOURCE_DIR}" FRAJA_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
-    if(FRAJA_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug") # a ray costs ten times as much
-        target_compile_definitions(${target} PRIVATE FRAJA_INSTRUMENTED)
-    endif()
+    target_link_libraries(${target} PRIVATE ${ARG_LINKS} fraja_test_main)
+    fraja_test_settings(${target})
     set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
     if(NOT ARG_TIMEOUT)
         set(ARG_TIMEOUT 300)
