@@ -18,6 +18,7 @@ namespace {
 // much more than was thought must not be too much.
 constexpr double parts_of_share = 3, parts_of_share_probed = 4, parts_of_share_blank = 64;
 constexpr double parts_of_order = 2;
+constexpr std::size_t compared_idle_workers_max = 256; // in search of the fastest
 constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
 
 // Camera rays of a probe: no more than that part of the picture's.
@@ -95,8 +96,8 @@ void Dispatcher::give_out() {
     }
 }
 
-/// A tile of the group to the least loaded worker that may have one; of a party that wants few
-/// workers, to the fastest that is idle, as it stays with whom it has.
+/// A tile of the group to the least loaded worker that may have one; of a party that takes on
+/// another one of the few it wants, to the fastest that is idle: with that it stays.
 bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
     const Party& party = *group.party;
     if (!party.is_film() && is_waiting_to_be_dealt_out(jobs_.at(group.places.begin()->job)))
@@ -107,7 +108,8 @@ bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
                ready_.any_for(group, frames_at_hand(worker, party),
                               [&](const JobId& job) { return grant(peer, worker, jobs_.at(job)); });
     };
-    if (party.wishes().workers_max > party.workers().size())
+    if (party.wishes().workers_max > party.workers().size() &&
+        party.wishes().schedule == Schedule::demand)
         if (const auto fastest = fastest_idle_worker(party); fastest && give(*fastest))
             return true;
     // any_of stops at the grant, which changes free_workers_ and the group.
@@ -118,9 +120,10 @@ bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
 std::optional<PeerId> Dispatcher::fastest_idle_worker(const Party& party) const {
     std::optional<PeerId> fastest;
     double best = 0;
+    std::size_t compared = 0;
     for (const auto& [load, peer] : free_workers_) {
-        if (load > 0)
-            break; // and so are those behind it
+        if (load > 0 || compared++ == compared_idle_workers_max)
+            break; // those behind it are no less loaded
         const WorkerSession& worker = workers_.at(peer);
         const double rays_per_s = speed_of(worker) * worker.hello.threads;
         if (rays_per_s > best && suits(worker, peer, party)) {

@@ -1,6 +1,6 @@
 // What makes pixels a file's bytes, and back: OpenImageIO, behind an interface, in a library that
-// is loaded when the first picture needs it. It brings 260 others and takes a quarter of a second,
-// which who lists jobs, or mistypes an option, need not wait for.
+// is loaded when the first picture needs it. It brings 260 others and takes a quarter of a second;
+// commands that touch no picture need not wait for it.
 #pragma once
 
 #include "common/image_io/picture_file.hpp"

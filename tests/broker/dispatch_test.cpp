@@ -457,6 +457,26 @@ TEST_CASE("a job for few workers goes to the fastest of those who are idle") {
     CHECK(farm.tiles("a").size() == 2);
 }
 
+TEST_CASE("of very many idle workers some are compared, which costs the broker no time") {
+    for (const std::uint32_t count : {200u, 300u}) {
+        Farm farm;
+        for (std::uint32_t i = 0; i < count; ++i) // the last one has the most threads
+            farm.say("w" + std::to_string(1000 + i), WorkerHello{.worker = random_id<WorkerId>(),
+                                                                 .incarnation = 1,
+                                                                 .worker_name = "w",
+                                                                 .threads = 1 + i / (count - 1),
+                                                                 .credit = 2,
+                                                                 .speed_rays_per_s = 0,
+                                                                 .memory_bytes = 0,
+                                                                 .tags = {},
+                                                                 .program_version = "test"});
+        SubmitJob s = Farm::picture(1, 20);
+        s.wishes.workers_max = 1;
+        farm.submit("client", s);
+        CHECK(farm.tiles("w" + std::to_string(999 + count)).empty() == (count > 256));
+    }
+}
+
 TEST_CASE("every schedule draws the picture, and stealing ends before equal shares do") {
     std::map<Schedule, double> took;
     for (const Schedule schedule :

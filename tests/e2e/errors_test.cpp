@@ -10,7 +10,7 @@ using namespace fraja::e2e;
 
 namespace {
 
-/// Of GCC's, a shared library of which there is one in every C++ program.
+/// libgcc_s.so, which every C++ program has loaded.
 std::string library_of_this_program() {
     std::ifstream maps("/proc/self/maps");
     for (std::string line; std::getline(maps, line);)
@@ -245,6 +245,10 @@ TEST_CASE("an unfinished local picture does not replace one that was there") {
     CHECK((bytes_of(scratch.file("x.png")) == before));
     CHECK(contains(client->err(), "x.unfinished.png"));
     CHECK(fs::exists(scratch.file("x.unfinished.png")));
+    const auto timed_out = submit({scene("overlapping_spheres"), "--local", "-r", "640x480", "-a",
+                                   "16", "--timeout", "300ms", "-o", scratch.file("x.png")});
+    CHECK(timed_out.exit == 124);
+    CHECK((bytes_of(scratch.file("x.png")) == before));
 }
 
 TEST_CASE("a refused scene tells scripts why") {

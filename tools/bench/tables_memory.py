@@ -45,7 +45,7 @@ def missed(line):
 
 NOTE = """The greatest resident memory (VmHWM) of each process, in units of 10^6 bytes; the picture is drawn by a real worker. The broker's
 is held against %d MB as it is; the client's by how much it is above that of `fraja-submit --dry-run`, a process that has loaded the
-same libraries, OpenImageIO among them, and ends. With `--state none` the broker keeps the pixels of every job that is not
+same libraries, OpenImageIO among them, and read the scene. With `--state none` the broker keeps the pixels of every job that is not
 forgotten: here of this one, %.1f MB.""" % (MARK_MB, in_bytes(PICTURE.size) / 1e6)
 TABLES = {'memory': Table(
     'Memory', 'memory', HEADER, measure, NOTE,

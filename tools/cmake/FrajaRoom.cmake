@@ -2,7 +2,7 @@
 #
 # One room: the library fraja_<name> (alias fraja::<name>) of the files listed. The target
 # all_verify_interface_header_sets compiles each of HEADERS alone, but those that their own source includes first: the
-# room's build has done so.
+# room's build, unless it is a unity build, has done so.
 # PUBLIC rooms show in this room's headers, PRIVATE ones only in its sources.
 function(fraja_room name)
     cmake_parse_arguments(ARG "" "" "SOURCES;HEADERS;PUBLIC;PRIVATE" ${ARGN})
