@@ -75,16 +75,14 @@ TEST_CASE("a worker that is told to leave finishes what it has and exits with 0"
 
 TEST_CASE("a worker told twice to leave hands its tile back at once") {
     Farm farm;
-    Process& worker = farm.add_worker("first");
-    const std::string job = farm.detach(
+    Process& worker = farm.add_worker("first", {"-j", "1", "--log-level", "debug"});
+    farm.detach(
         {scene("overlapping_spheres"), "-r", "640x480", "-a", "16", "--tile", "640"}); // minutes
-    Process watcher = farm.watch(job);
-    REQUIRE(watcher
+    // It fetches the scene for a tile that it has.
+    REQUIRE(worker
                 .wait_for_line(
-                    Process::Stream::out,
-                    [](std::string_view l) {
-                        return l.find(R"("state":"running")") != std::string_view::npos;
-                    },
+                    Process::Stream::err,
+                    [](std::string_view l) { return l.find("fetched ") != std::string_view::npos; },
                     patience)
                 .has_value());
     // One at a time: two signals of a kind that come together are one.
