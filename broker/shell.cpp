@@ -3,6 +3,7 @@
 #include "broker/dispatcher.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
+#include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -11,7 +12,6 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
-#include <deque>
 #include <memory>
 #include <optional>
 #include <span>
@@ -111,6 +111,7 @@ public:
             }
             serve_upstream();
             step(Tick{});
+            heap_pages_.ask_for_growth(); // all pixels are in it
         }
         if (upstream_)
             upstream_->leave();
@@ -177,19 +178,21 @@ private:
     }
 
     /// One event, what it leads to, and what follows from sends that fail.
-    void step(Event event) {
-        std::deque<Event> events;
-        events.push_back(std::move(event));
-        while (!events.empty()) {
-            actions_.clear();
-            dispatcher_.step(net::now(), events.front(), actions_);
-            events.pop_front();
-            for (const Action& action : actions_)
-                perform(action, events);
-        }
+    void step(const Event& event) {
+        std::vector<Event> consequences;
+        take_step(event, consequences);
+        for (std::size_t i = 0; i < consequences.size(); ++i)
+            take_step(Event(std::move(consequences[i])), consequences);
     }
 
-    void perform(const Action& action, std::deque<Event>& events) {
+    void take_step(const Event& event, std::vector<Event>& consequences) {
+        actions_.clear();
+        dispatcher_.step(net::now(), event, actions_);
+        for (const Action& action : actions_)
+            perform(action, consequences);
+    }
+
+    void perform(const Action& action, std::vector<Event>& events) {
         if (const auto* send = std::get_if<Send>(&action)) {
             if (router_.send(send->peer, protocol::encode(send->message)) != net::SendStatus::sent)
                 events.push_back(PeerUnreachable{send->peer});
@@ -214,7 +217,7 @@ private:
         }
     }
 
-    void send_stored(const SendStored& wish, std::deque<Event>& events) {
+    void send_stored(const SendStored& wish, std::vector<Event>& events) {
         for (const TileIndex tile : wish.tiles) {
             auto stored = kept_->reader.tiles(wish.job, std::span(&tile, 1));
             if (!stored) {
@@ -239,6 +242,7 @@ private:
     Dispatcher dispatcher_;
     std::optional<Upstream> upstream_;
     std::vector<Action> actions_;
+    HugeHeapPages heap_pages_;
     bool stopped_by_signal_ = false;
 };
 

@@ -37,40 +37,26 @@ struct Arguments {
 // Tiles are squares: these have 24 KiB as nearly as can be.
 constexpr std::uint32_t tile_side = 45, tile_bytes = tile_side * tile_side * 12;
 
-/// A broker in a thread of its own.
-class RunningBroker {
-public:
-    explicit RunningBroker(std::filesystem::path state) {
-        broker::Options options;
-        options.bind = options.publish = "tcp://127.0.0.1:0";
-        options.state = std::move(state);
-        options.limits.heartbeat = 1min; // the workers do not beat
-        options.on_listening = [this](const std::string& bound, const std::string& stream) {
-            endpoint_ = bound;
-            stream_ = stream;
-            listens_ = true;
-        };
-        thread_ = std::jthread([this, options] {
-            const net::Context context;
-            if (const auto ran = broker::run_broker(context, options, control_); !ran)
-                fail(ran.error().message);
+/// Runs a broker here, in the main thread as fraja-broker does, while `use(endpoint, stream)` goes
+/// on in another one.
+template <class Use>
+void run_broker_while(const std::filesystem::path& state, Use use) {
+    broker::Control control;
+    std::jthread user;
+    broker::Options options;
+    options.bind = options.publish = "tcp://127.0.0.1:0";
+    options.state = state;
+    options.limits.heartbeat = 1min; // the workers do not beat
+    options.on_listening = [&](const std::string& endpoint, const std::string& stream) {
+        user = std::jthread([&control, use, endpoint, stream] {
+            use(endpoint, stream);
+            control.stop();
         });
-        while (!listens_)
-            std::this_thread::sleep_for(1ms);
-    }
-    ~RunningBroker() { control_.stop(); }
-    RunningBroker(const RunningBroker&) = delete;
-    RunningBroker& operator=(const RunningBroker&) = delete;
-
-    [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
-    [[nodiscard]] const std::string& stream() const { return stream_; }
-
-private:
-    broker::Control control_;
-    std::string endpoint_, stream_;
-    std::atomic<bool> listens_ = false;
-    std::jthread thread_;
-};
+    };
+    const net::Context context;
+    if (const auto ran = broker::run_broker(context, options, control); !ran)
+        fail(ran.error().message);
+}
 
 /// Submits a job of at least so many tiles. It does not follow it.
 void submit(const net::Context& context, const std::string& endpoint, const JobId& job,
@@ -150,17 +136,16 @@ Outcome run(const Arguments& arguments, const Way& way) {
         state = arguments.directory / ("fraja-bench-" + to_string(random_id<JobId>()));
     Outcome outcome;
     const CpuTime cpu;
-    {
-        const RunningBroker broker(state);
+    run_broker_while(state, [&](const std::string& endpoint, const std::string& stream) {
         const net::Context context;
         const auto job = random_id<JobId>();
         std::optional<WatcherLoad> watchers;
         if (way.watchers > 0)
-            watchers.emplace(broker.stream(), way.watchers, job);
-        const WorkerLoad load(broker.endpoint(), arguments.load);
+            watchers.emplace(stream, way.watchers, job);
+        const WorkerLoad load(endpoint, arguments.load);
         while (!load.all_welcome())
             std::this_thread::sleep_for(1ms);
-        submit(context, broker.endpoint(), job, arguments.load.tiles);
+        submit(context, endpoint, job, arguments.load.tiles);
         while (load.orders() < arguments.load.tiles)
             std::this_thread::sleep_for(1ms);
         outcome.tiles_per_s = load.orders_per_s();
@@ -168,7 +153,7 @@ Outcome run(const Arguments& arguments, const Way& way) {
         if (watchers)
             outcome.watched = static_cast<double>(watchers->tiles()) /
                               (static_cast<double>(arguments.load.tiles) * way.watchers);
-    }
+    });
     std::filesystem::remove_all(state);
     return outcome;
 }
