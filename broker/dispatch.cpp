@@ -69,6 +69,7 @@ void Dispatcher::look_ready(const Job& job) {
 void Dispatcher::dispatch() {
     if (store_is_behind())
         return;
+    release_held_back();
     offer_to_changed_workers();
     give_out();
     help_out();
@@ -97,24 +98,32 @@ void Dispatcher::give_out() {
 }
 
 /// A tile of the group to the least loaded worker that may have one; of a party that takes on
-/// another one of the few it wants, to the fastest that is idle: with that it stays.
+/// another one of the few it wants, to the fastest that is idle: with that it stays. Where more
+/// workers would not help, to one that has the scene.
 bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
     const Party& party = *group.party;
-    if (!party.is_film() && is_waiting_to_be_dealt_out(jobs_.at(group.places.begin()->job)))
+    Job& first = jobs_.at(group.places.begin()->job);
+    if (!party.is_film() && is_waiting_to_be_dealt_out(first))
         return false;
+    const bool to_anybody = newcomers_help(first);
     const auto give = [&](const PeerId& peer) {
         WorkerSession& worker = workers_.at(peer);
-        return suits(worker, peer, party) &&
+        return (to_anybody || has_scene(worker, first.submission().scene)) &&
+               suits(worker, peer, party) &&
                ready_.any_for(group, frames_at_hand(worker, party),
                               [&](const JobId& job) { return grant(peer, worker, jobs_.at(job)); });
     };
-    if (party.wishes().workers_max > party.workers().size() &&
+    if (to_anybody && party.wishes().workers_max > party.workers().size() &&
         party.wishes().schedule == Schedule::demand)
         if (const auto fastest = fastest_idle_worker(party); fastest && give(*fastest))
             return true;
     // any_of stops at the grant, which changes free_workers_ and the group.
-    return std::ranges::any_of(free_workers_,
-                               [&](const auto& free) { return give(PeerId(free.second)); });
+    if (std::ranges::any_of(free_workers_,
+                            [&](const auto& free) { return give(PeerId(free.second)); }))
+        return true;
+    if (!to_anybody)
+        held_back_until_ = std::min(held_back_until_, first.given_at + head_start(first));
+    return false;
 }
 
 std::optional<PeerId> Dispatcher::fastest_idle_worker(const Party& party) const {
@@ -304,6 +313,8 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
     if (started < worker.hello.threads)
         grant.started_at = now_;
     grant.number = worker.tiles_sent++;
+    grant.fetches_scene = note_scene(worker, job.submission().scene);
+    job.given_at = now_;
     const SubmitJob& s = job.submission();
     RenderTile order{.job = job.id(),
                      .tile = tile,

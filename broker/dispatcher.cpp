@@ -40,6 +40,8 @@ Instant Dispatcher::next_deadline() const {
         deadline = std::min(deadline, deadlines_.begin()->first);
     if (!store_is_behind() && speed_.is_known() && somebody_is_idle() && somebody_has_tiles())
         deadline = std::min(deadline, next_overbook_);
+    if (!free_workers_.empty() && !store_is_behind())
+        deadline = std::min(deadline, held_back_until_);
     const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
         const auto found = jobs_.find(id);
         return found != jobs_.end() && wants_digest(found->second);

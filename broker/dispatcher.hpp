@@ -84,6 +84,7 @@ private:
         std::uint64_t number = 0;            ///< counts the session's tiles, from 0
         std::uint64_t rays = 0;
         bool cancelled = false;
+        bool fetches_scene = false; ///< it is the worker's first one of that scene
     };
     struct WorkerSession {
         protocol::WorkerHello hello;
@@ -98,7 +99,8 @@ private:
         bool drained = false;         ///< on somebody's word
         std::deque<Instant> failures; ///< within the window
         std::optional<Instant> quarantined_until;
-        std::map<FilmId, JobId> frames; ///< of each film the one it was last given something of
+        std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
+        std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
@@ -200,6 +202,15 @@ private:
     void set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit);
     void count_capacity(WorkerSession& worker);
 
+    // newcomers.cpp: whether more workers would help
+    [[nodiscard]] bool newcomers_help(const Job& job) const;
+    [[nodiscard]] Duration head_start(const Job& job) const;
+    [[nodiscard]] Duration fetch_time(const Job& job) const;
+    [[nodiscard]] static bool has_scene(const WorkerSession& worker, const ContentHash& scene);
+    [[nodiscard]] bool note_scene(WorkerSession& worker, const ContentHash& scene) const;
+    void learn_fetch_time(Job& job, const Grant& grant, Duration elapsed);
+    void release_held_back();
+
     // overbooking.cpp: and who helps out when nothing is left to be given
     struct Late {
         Duration remaining{};
@@ -220,8 +231,8 @@ private:
     };
     void help_out();
     [[nodiscard]] std::vector<Idle> idle_workers() const;
-    [[nodiscard]] Help help_for(const Late& late, const Job& job,
-                                const std::vector<Idle>& idle) const;
+    [[nodiscard]] Help help_for(const Late& late, const Job& job, const std::vector<Idle>& idle,
+                                double bearable_s) const;
     [[nodiscard]] std::vector<Late> tiles_by_end() const;
     void append_ends(const PeerId& peer, const WorkerSession& worker,
                      std::vector<Late>& late) const;
@@ -305,10 +316,12 @@ private:
         free_workers_;                    ///< with credit left, the least loaded first
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0
     std::uint64_t threads_with_credit_ = 0;
-    double capacity_ = 0;                 ///< of these: work in a second
-    Speed speed_;                         ///< of a thread, of all that was ever here
-    std::uint32_t attempts_ = 0;          ///< RenderTiles ever sent
-    std::vector<PeerId> changed_workers_; ///< have more room, or other work, than a step ago
+    double capacity_ = 0;                        ///< of these: work in a second
+    Speed speed_;                                ///< of a thread, of all that was ever here
+    std::uint32_t attempts_ = 0;                 ///< RenderTiles ever sent
+    std::optional<Duration> fetch_time_min_{};   ///< of all jobs that were ever here
+    Instant held_back_until_ = Instant::never(); ///< then some job's tiles are anybody's
+    std::vector<PeerId> changed_workers_;        ///< have more room, or other work, than a step ago
 
     std::map<JobId, Job> jobs_;
     std::map<FilmId, std::weak_ptr<Party>> films_;  ///< whose jobs are here

@@ -144,6 +144,8 @@ public:
     std::uint32_t count_failure(OpenTileId id, const WorkerId& worker);
     /// Some tile of it has ever failed.
     [[nodiscard]] bool has_failures() const { return has_failures_; }
+    /// Some cell of it has been at two workers at once.
+    [[nodiscard]] bool was_overbooked() const { return overlapping_; }
 
     /// What is not needed any more: it is at that worker.
     struct Unwanted {
@@ -206,6 +208,10 @@ public:
     bool is_kept = false;       ///< the store has it, or will
     bool is_being_kept = false; ///< and it is acknowledged then
     bool holds_scene = false;   ///< counted in the blob store
+    Instant given_at;           ///< when a worker was last given something of it
+    /// The least that a worker's first tile took beside drawing: to fetch the scene, and to compile
+    /// it.
+    std::optional<Duration> fetch_time;
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
     [[nodiscard]] Duration render_time() const { return render_time_; }

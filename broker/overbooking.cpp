@@ -93,11 +93,13 @@ std::vector<Dispatcher::Idle> Dispatcher::idle_workers() const {
 
 /// The threads among them that may draw the job's tile, and the fastest of them.
 Dispatcher::Help Dispatcher::help_for(const Late& late, const Job& job,
-                                      const std::vector<Idle>& idle) const {
+                                      const std::vector<Idle>& idle, double bearable_s) const {
+    const bool is_time_to_fetch = seconds(fetch_time(job)) < bearable_s;
     const bool can_cut = job.can_cut(job.tile(late.id));
     Help help;
     for (const Idle& one : idle) {
-        if (!suits(*one.worker, one.peer, job.party()) || (!can_cut && one.peer == late.peer))
+        if (!suits(*one.worker, one.peer, job.party()) || (!can_cut && one.peer == late.peer) ||
+            (!is_time_to_fetch && !has_scene(*one.worker, job.submission().scene)))
             continue;
         help.speed = std::max(help.speed, one.speed);
         help.threads += one.threads;
@@ -127,7 +129,7 @@ void Dispatcher::help_out() {
         if (threads == 0 || bearable_s <= round_trip_s) // nor are those that follow worth it
             break;
         Job& job = jobs_.at(late.job);
-        const Help help = help_for(late, job, idle);
+        const Help help = help_for(late, job, idle, bearable_s);
         if (help.threads == 0)
             continue;
         const double parts_max = std::clamp(late.work / (tile_time_min_s() * help.speed), 1.0,

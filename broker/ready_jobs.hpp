@@ -40,6 +40,7 @@ public:
     /// Takes note of the job as it is now: of it and of its party. Its group is not blocked then.
     void update(const Job& job, bool is_ready);
     [[nodiscard]] std::size_t size() const { return entries_.size(); }
+    [[nodiscard]] std::size_t group_count() const { return groups_.size(); }
 
     /// The group that deserves the next tile: of the highest priority, then with the fewest tiles
     /// in flight, so that parties share the farm. None: nothing is ready that is not blocked.

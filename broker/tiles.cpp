@@ -96,6 +96,7 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                          "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
                              std::to_string(wanted));
     }
+    learn_fetch_time(*job, *grant, answer.elapsed);
     if (is_probe && is_order(*job))
         return fill_probe(*job, answer);
     if (is_probe)

@@ -1,0 +1,169 @@
+// Where more workers would not help: who has a scene goes on with it, who would have to fetch it
+// first is left to others.
+#include "tests/broker/farm.hpp"
+
+namespace fraja::broker {
+namespace {
+
+using namespace protocol;
+using namespace std::chrono_literals;
+
+constexpr Duration drawing = 5ms; // a tile, as Farm::answer says
+
+/// A farm on which one worker has drawn a picture, whose scene took it so long to fetch. Then eight
+/// others come.
+struct Learnt : Farm {
+    explicit Learnt(Duration fetching, Limits those = {}) : Farm(those) {
+        worker_arrives("a", 1, 1, 2);
+        submit(1, 6);
+        draw("a", fetching);
+        while (draw("a")) {
+        }
+        REQUIRE(state(id_of<JobId>(1)).phase == JobPhase::done);
+        for (std::uint8_t i = 2; i <= 9; ++i)
+            worker_arrives("b" + std::to_string(i), i, 1, 2);
+    }
+    /// The oldest tile that it has; false: it has none.
+    bool draw(const PeerId& peer, Duration beside = {}) {
+        for (const RenderTile& tile : tiles(peer))
+            waiting[peer].push_back(tile);
+        if (waiting[peer].empty())
+            return false;
+        now = now + drawing + beside;
+        const RenderTile tile = waiting[peer].front();
+        waiting[peer].erase(waiting[peer].begin());
+        render(peer, tile);
+        return true;
+    }
+    std::size_t tiles_of_others() {
+        std::size_t count = 0;
+        for (int i = 2; i <= 9; ++i)
+            count += tiles("b" + std::to_string(i)).size();
+        return count;
+    }
+    std::map<PeerId, std::vector<RenderTile>> waiting;
+};
+
+TEST_CASE("what is done before others have fetched the scene is left to those who have it") {
+    Learnt farm(900ms);
+    const JobId job = farm.submit(2, 4);
+    CHECK(farm.state(job).worker_count == 1);
+    while (farm.draw("a")) {
+    }
+    CHECK(farm.tiles_of_others() == 0);
+    CHECK(farm.state(job).phase == JobPhase::done);
+}
+
+TEST_CASE("where there is more to do than that everybody helps") {
+    SUBCASE("as there is more of it") {
+        Learnt farm(900ms);
+        CHECK(farm.state(farm.submit(2, 400)).worker_count == 9);
+    }
+    SUBCASE("as it is fetched sooner") {
+        Learnt farm(5ms);
+        CHECK(farm.state(farm.submit(2, 100)).worker_count == 9);
+    }
+    SUBCASE("as others want the farm, too") {
+        Learnt farm(250ms);
+        const JobId alone = farm.submit(2, 4);
+        CHECK(farm.state(alone).worker_count == 1);
+        CHECK(farm.state(farm.submit(3, 4)).worker_count == 2); // other than "a", which has no room
+    }
+}
+
+TEST_CASE("who has the scene and does not come to it keeps nobody waiting for longer than that") {
+    for (const Duration fetching : {500ms, 2'000ms}) { // held_back_max is a second
+        Learnt farm(fetching);
+        const JobId job = farm.submit(2, 4);
+        const Duration held = std::min<Duration>(fetching, 1s);
+        farm.pass(held - 10ms);
+        CHECK(farm.tiles_of_others() == 0);
+        farm.pass(20ms);
+        CHECK(farm.state(job).worker_count == 2);
+        CHECK(farm.tiles_of_others() == 2);
+    }
+}
+
+TEST_CASE("who would have to fetch the scene helps out where there is time for that") {
+    Learnt farm(900ms);
+    farm.submit(2, 1);
+    farm.pass(2'300ms); // half as long again: 1.15 s, of which a quarter is to be won
+    CHECK(farm.tiles_of_others() == 0);
+    farm.pass(200ms);
+    CHECK(farm.tiles_of_others() == 1);
+}
+
+TEST_CASE("limits: held_back_max") {
+    Limits limits;
+    limits.held_back_max = 600ms;
+    Learnt farm(900ms, limits);
+    CHECK(farm.state(farm.submit(2, 4)).worker_count == 1);
+    farm.pass(590ms);
+    CHECK(farm.tiles_of_others() == 0);
+    farm.pass(20ms);
+    CHECK(farm.tiles_of_others() == 2);
+}
+
+TEST_CASE("a tile that failed where the scene is goes to others at once") {
+    Learnt farm(900ms);
+    farm.submit(2, 2);
+    const auto tiles = farm.tiles("a");
+    REQUIRE(tiles.size() == 2);
+    farm.fail("a", tiles[0], FailureCode::machine);
+    CHECK(farm.tiles_of_others() == 1);
+}
+
+TEST_CASE("what was asked for in other ways is not limited") {
+    Learnt farm(900ms);
+    SubmitJob s = Farm::picture(2, 8);
+    SUBCASE("a schedule that deals out") {
+        s.wishes.schedule = Schedule::equal;
+        CHECK(farm.state(farm.submit("client", s)).worker_count == 8);
+    }
+    SUBCASE("a film, whose frames everybody has to fetch") {
+        s.wishes.film = id_of<FilmId>(1);
+        s.wishes.frame = 1;
+        CHECK(farm.state(farm.submit("client", s)).worker_count == 8);
+    }
+}
+
+TEST_CASE("nothing is held back while nobody knows how fast a farm is") {
+    Farm farm;
+    for (std::uint8_t i = 1; i <= 9; ++i)
+        farm.worker_arrives("w" + std::to_string(i), i, 10'000, 1); // nor is it by its threads
+    CHECK(farm.state(farm.submit(1, 9)).worker_count == 9);
+}
+
+TEST_CASE("whose connection ends has its scenes no more") {
+    Learnt farm(900ms);
+    farm.say("a", Goodbye{});
+    farm.worker_arrives("z", 1, 1, 2);
+    const JobId job = farm.submit(2, 4);
+    CHECK(farm.tiles("z").empty()); // nobody has it: so it is at whoever is first
+    CHECK(farm.state(job).worker_count == 1);
+}
+
+TEST_CASE("limits: remembered_scenes_max") {
+    for (const std::size_t remembered : {std::size_t{1}, std::size_t{2}}) {
+        Limits limits;
+        limits.remembered_scenes_max = remembered;
+        Learnt farm(900ms, limits);
+        const Bytes other = to_bytes("another scene");
+        SubmitJob s = Farm::picture(2, 2);
+        s.scene = content_hash(other);
+        s.scene_bytes = other.size();
+        farm.say("client", s);
+        farm.say("client", Chunk{s.scene, 0, other.size(), {make_blob(other)}});
+        farm.draw("a", 900ms);
+        farm.draw("a");
+        // "b2" draws the first one, and "a" may help it if it still has it.
+        farm.say("a", WorkerBeat{0, {}, 8});
+        farm.submit(3, 4);
+        CHECK(farm.tiles("b2").size() == 2);
+        farm.say("a", WorkerBeat{2, {}, 8});
+        CHECK(farm.tiles("a").size() == (remembered == 2 ? 2 : 0));
+    }
+}
+
+} // namespace
+} // namespace fraja::broker
