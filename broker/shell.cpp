@@ -253,7 +253,7 @@ Result<void> run_broker(const net::Context& context, const Options& options,
     const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, options.insecure);
     if (!bind)
         return bind.error();
-    const auto publish = net::endpoint_to_bind(options.publish, 50058, options.insecure);
+    const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, options.insecure);
     if (!publish)
         return publish.error();
     const net::Waker waker;

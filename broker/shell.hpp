@@ -35,8 +35,8 @@ private:
 };
 
 struct Options {
-    std::string bind = net::default_broker;        ///< workers and clients
-    std::string publish = "tcp://127.0.0.1:50058"; ///< the stream
+    std::string bind = net::default_broker;    ///< workers and clients
+    std::string publish = net::default_stream; ///< the stream
     bool insecure =
         false; ///< allow endpoints that other machines can reach, though nobody has keys
     std::vector<std::string> call; ///< workers that listen (fraja-worker --listen), as endpoints
