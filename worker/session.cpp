@@ -71,19 +71,26 @@ void Session::on(Turn& turn, const Undecodable& event) {
 }
 
 void Session::on_message(Turn& turn, const protocol::Welcome& message) {
-    if (message.incarnation != incarnation_) {
+    if (std::exchange(broker_, message.broker) != message.broker)
+        last_attempt_.reset();
+    if (state_ == State::open) {
+        // It has come twice, or a hello has. Of which session the broker is now is not known.
+        turn.log(LogLevel::debug, "a Welcome without a hello: greeting anew");
+        begin_greeting(turn);
+        return;
+    }
+    if (state_ == State::draining)
+        return; // and leaves
+    if (message.incarnation != incarnation_ || unanswered_hellos_ == 0) {
         // It answers an earlier hello: the session that it opens ends when the broker hears the
-        // last one.
+        // last one, or the next.
         turn.log(LogLevel::debug, "a Welcome to an earlier hello");
         return;
     }
-    drop_tiles(turn);
     tiles_received_ = 0;
-    if (!is_connected())
-        turn.log(LogLevel::info, "connected: broker " + to_string(message.broker).substr(0, 8) +
-                                     ", version " + message.program_version);
-    if (state_ == State::greeting)
-        state_ = State::open;
+    turn.log(LogLevel::info, "connected: broker " + to_string(message.broker).substr(0, 8) +
+                                 ", version " + message.program_version);
+    state_ = State::open;
     heartbeat_ = std::clamp(message.heartbeat, limits_.heartbeat_min, limits_.heartbeat_max);
     liveness_ = std::clamp(message.liveness, 1u, limits_.liveness_max);
     heard_ = turn.now;
@@ -110,9 +117,13 @@ void Session::on_message(Turn& turn, const protocol::Refused& message) {
     } else if (const auto asked = shelf_.oldest_ask(); message.code == RefusalCode::invalid &&
                                                        message.job == JobId{} &&
                                                        asked != shelf_.scenes().end()) {
+        // It may have come twice, or what it answers has: so this scene is asked for again.
         const ContentHash scene = asked->first;
-        fail_tiles_of(turn, scene, FailureCode::machine,
-                      "the broker does not give the scene: " + message.reason);
+        if (asked->second.asks < limits_.chunk_asks_max)
+            ask_chunk(turn, scene, asked->second);
+        else
+            fail_tiles_of(turn, scene, FailureCode::machine,
+                          "the broker does not give the scene: " + message.reason);
     } else {
         count_oddity(turn, "refused: " + message.reason);
     }
@@ -138,6 +149,7 @@ void Session::on(Turn& turn, const CallerGone&) {
         turn.log(LogLevel::info, "the caller is gone");
     absence_said_ = false;
     unanswered_hellos_ = 0;
+    last_attempt_.reset();
     begin_greeting(turn);
     next_hello_ = turn.now; // the next one has not been greeted yet
 }

@@ -14,6 +14,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -249,7 +250,9 @@ private:
     Rng rng_;
     State state_ = State::greeting;
 
-    std::uint64_t incarnation_ = 0; // of the last hello
+    std::uint64_t incarnation_ = 0;             // of the last hello
+    BrokerId broker_;                           // that spoke last
+    std::optional<AttemptNumber> last_attempt_; // of its RenderTiles
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
     std::uint32_t unanswered_hellos_ = 0;

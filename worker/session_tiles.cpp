@@ -42,6 +42,13 @@ FailureCode failure_of(ErrorCode code) {
     }
 }
 
+/// Whether a broker has counted `attempt` before `last`, or at it. Its count comes round in the
+/// end.
+bool is_up_to(AttemptNumber last, AttemptNumber attempt) {
+    constexpr std::uint32_t remembered = 1u << 20;
+    return static_cast<std::uint32_t>(last) - static_cast<std::uint32_t>(attempt) < remembered;
+}
+
 /// What a sound broker never sends.
 Result<void> validate(const protocol::RenderTile& order) {
     if (auto valid = protocol::validate(order.settings); !valid)
@@ -103,16 +110,19 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
 }
 
 void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
+    const bool came_before = last_attempt_ && is_up_to(*last_attempt_, message.attempt);
+    if (!came_before)
+        last_attempt_ = message.attempt;
     if (!is_connected()) {
         // Of the session that was given up: the broker has requeued it, or will at our hello.
         turn.log(LogLevel::debug, name_of(message) + " came without a session");
         return;
     }
-    ++tiles_received_;
-    if (find_tile(message.job, message.tile, message.attempt) != tiles_.end()) {
+    if (came_before) { // it is here, or was answered
         count_oddity(turn, name_of(message) + " came twice");
         return;
     }
+    ++tiles_received_;
     const auto refuse = [&](FailureCode code, const std::string& reason) {
         turn.send(protocol::TileFailed{message.job, message.tile, message.attempt, code,
                                        sendable(reason)});

@@ -7,8 +7,10 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <set>
 #include <tuple>
+#include <utility>
 
 using namespace fraja;
 using namespace fraja::fuzz;
@@ -18,6 +20,7 @@ namespace {
 
 constexpr std::size_t events_max = 400;
 constexpr std::uint32_t threads = 2;
+constexpr std::uint32_t attempts_remembered = 1u << 20; // by the session
 
 worker::Limits small_limits() {
     worker::Limits limits;
@@ -84,8 +87,8 @@ private:
     }
 
     void hear(Message message) {
-        if (const auto* order = std::get_if<RenderTile>(&message); order && connected_)
-            unanswered_.insert(key_of(*order));
+        if (const auto* order = std::get_if<RenderTile>(&message))
+            note_order(*order);
         if (const auto* welcome = std::get_if<Welcome>(&message))
             note_welcome(*welcome);
         if (const auto* refused = std::get_if<Refused>(&message))
@@ -93,12 +96,21 @@ private:
         step(worker::Received{std::move(message)});
     }
 
-    /// The session begins (again), with no tiles, if it answers the last hello.
-    void note_welcome(const Welcome& welcome) {
-        if (welcome.incarnation != incarnation_)
+    /// It is owed an answer, unless it has come before.
+    void note_order(const RenderTile& order) {
+        const auto attempt = static_cast<std::uint32_t>(order.attempt);
+        if (last_attempt_ && *last_attempt_ - attempt < attempts_remembered)
             return;
-        connected_ = true;
-        unanswered_.clear();
+        last_attempt_ = attempt;
+        if (connected_)
+            unanswered_.insert(key_of(order));
+    }
+
+    /// The session begins, with no tiles, if it answers the last hello.
+    void note_welcome(const Welcome& welcome) {
+        if (std::exchange(broker_, welcome.broker) != welcome.broker)
+            last_attempt_.reset();
+        connected_ = connected_ || welcome.incarnation == incarnation_;
     }
 
     [[nodiscard]] Welcome fitting_welcome() const {
@@ -292,7 +304,9 @@ private:
     Instant now_{};
     std::uint64_t incarnation_ = 0;
     bool connected_ = false;
-    std::set<TileKey> unanswered_; ///< of the session's tiles
+    BrokerId broker_;
+    std::optional<std::uint32_t> last_attempt_; ///< of its orders
+    std::set<TileKey> unanswered_;              ///< of the session's tiles
     std::vector<NeedChunk> needed_;
     std::vector<ContentHash> compiling_;
     std::set<worker::Ticket> started_, running_;

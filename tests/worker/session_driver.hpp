@@ -57,11 +57,12 @@ struct TestScene {
     }
 };
 
+/// The attempt is that of a broker that gives out tile after tile, unless it is named.
 inline protocol::RenderTile order(const TestScene& scene, std::uint32_t tile,
-                                  std::uint32_t attempt = 1, std::uint8_t job = 1) {
+                                  std::uint32_t attempt = 0, std::uint8_t job = 1) {
     return {.job = job_id(job),
             .tile = TileIndex{tile},
-            .attempt = AttemptNumber{attempt},
+            .attempt = AttemptNumber{attempt > 0 ? attempt : tile + 1},
             .frame = 0,
             .rect = {0, 0, 16, 16},
             .scene = scene.hash,

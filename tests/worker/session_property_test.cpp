@@ -30,10 +30,11 @@ public:
         if (const auto* received = std::get_if<Received>(&event)) {
             if (std::holds_alternative<Welcome>(received->message)) {
                 connected_ = !over_;
-                owed_.clear(); // the session before, if any, was replaced
             } else if (const auto* tile = std::get_if<RenderTile>(&received->message);
-                       tile && connected_) {
-                owed_.insert(key_of(*tile)); // a duplicate is the same debt
+                       tile && tile->attempt > last_attempt_) { // or it has come before
+                last_attempt_ = tile->attempt;
+                if (connected_)
+                    owed_.insert(key_of(*tile));
             }
         } else if (const auto* finished = std::get_if<TileFinished>(&event)) {
             running_.erase(finished->ticket);
@@ -54,6 +55,7 @@ public:
 
     [[nodiscard]] bool connected() const { return connected_; }
     [[nodiscard]] bool over() const { return over_; }
+    [[nodiscard]] AttemptNumber last_attempt() const { return last_attempt_; }
     [[nodiscard]] const std::set<Key>& owed() const { return owed_; }
     [[nodiscard]] const std::set<Ticket>& running() const { return running_; }
     std::set<ContentHash> compiling;
@@ -107,6 +109,7 @@ private:
 
     std::uint32_t credit_;
     bool connected_ = false, over_ = false;
+    AttemptNumber last_attempt_{};
     std::set<Key> owed_; // tiles of this session not yet answered
     std::set<Ticket> tickets_, running_;
     std::set<ContentHash> compiled_;
@@ -130,7 +133,9 @@ Message random_message(Rng& rng, const Watch& watch) {
     const auto& scenes = test_scenes();
     const TestScene& scene = scenes[rng.below(scenes.size())];
     const auto tile = static_cast<std::uint32_t>(rng.below(6));
-    const auto attempt = static_cast<std::uint32_t>(1 + rng.below(2));
+    const auto attempt =
+        static_cast<std::uint32_t>(watch.last_attempt()) + 1 -
+        static_cast<std::uint32_t>(rng.below(2)); // the next one, or the last again
     const std::uint64_t kind = rng.below(100);
     if (kind < 35) {
         RenderTile message = order(scene, tile, attempt);

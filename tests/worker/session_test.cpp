@@ -17,7 +17,7 @@ struct Ready : SessionDriver {
     TestScene scene{100};
     Ready() {
         connect();
-        (void)receive(order(scene, 999));
+        (void)receive(order(scene, 0));
         (void)receive(scene.chunk(0));
         const auto actions = step(SceneCompiled{scene.hash});
         (void)step(TileFinished{of_type<StartTile>(actions).at(0).ticket, {}, {}, {}});
@@ -106,11 +106,11 @@ TEST_CASE("a scene is compiled for the kernel of its first tile; each tile names
     SessionDriver driver;
     driver.connect();
     const TestScene scene(3);
-    RenderTile reference = order(scene, 0);
+    RenderTile reference = order(scene, 8);
     reference.settings.kernel = KernelChoice::reference;
     (void)driver.receive(order(TestScene(3, 'z'), 7));
     (void)driver.receive(reference);
-    (void)driver.receive(order(scene, 1));
+    (void)driver.receive(order(scene, 9));
     const auto compiles = of_type<CompileScene>(driver.receive(scene.chunk(0)));
     REQUIRE(compiles.size() == 1);
     CHECK(compiles[0].kernel == KernelChoice::reference);
@@ -122,7 +122,7 @@ TEST_CASE("a scene is compiled for the kernel of its first tile; each tile names
 
 TEST_CASE("session answers a rendered tile, once") {
     Ready driver;
-    const auto started = of_type<StartTile>(driver.receive(order(driver.scene, 5, 2)));
+    const auto started = of_type<StartTile>(driver.receive(order(driver.scene, 5, 7)));
     REQUIRE(started.size() == 1);
     CHECK(started[0].rect == PixelRect{0, 0, 16, 16});
     const TileFinished finished{
@@ -130,7 +130,7 @@ TEST_CASE("session answers a rendered tile, once") {
     const auto answers = sent<TileRendered>(driver.step(finished));
     REQUIRE(answers.size() == 1);
     CHECK(answers[0].tile == TileIndex{5});
-    CHECK(answers[0].attempt == AttemptNumber{2});
+    CHECK(answers[0].attempt == AttemptNumber{7});
     CHECK(answers[0].rays == finished.rays);
     CHECK(answers[0].elapsed == 7ms);
     CHECK(answers[0].blobs.size() == 1);
@@ -220,7 +220,10 @@ TEST_CASE("chunks that do not fit are ignored, or fail what waits for them") {
         SessionDriver driver;
         driver.connect();
         (void)driver.receive(order(scene, 0));
-        CHECK(failure(driver.receive(Refused{RefusalCode::invalid, {}, "no such chunk"})) ==
+        const Refused refused{RefusalCode::invalid, {}, "no such chunk"};
+        for (int i = 0; i < 4; ++i) // it may have come twice, and be about another scene
+            CHECK(sent<NeedChunk>(driver.receive(refused)).size() == 1);
+        CHECK(failure(driver.receive(refused)) ==
               "machine: the broker does not give the scene: no such chunk");
     }
 }
@@ -303,8 +306,8 @@ TEST_CASE("session beats once a heartbeat and tells how far its tiles are") {
     REQUIRE(beats.size() == 1);
     CHECK(beats[0].credit == 4);
     CHECK(beats[0].in_flight ==
-          std::vector{TileInFlight{job_id(1), TileIndex{5}, AttemptNumber{1}, 1234},
-                      TileInFlight{job_id(1), TileIndex{6}, AttemptNumber{1}, 0}});
+          std::vector{TileInFlight{job_id(1), TileIndex{5}, AttemptNumber{6}, 1234},
+                      TileInFlight{job_id(1), TileIndex{6}, AttemptNumber{7}, 0}});
     CHECK(sent<WorkerBeat>(driver.pass(500ms)).empty());
     CHECK(sent<WorkerBeat>(driver.pass(500ms)).size() == 1);
 }
@@ -315,22 +318,22 @@ TEST_CASE("a cancelled tile is stopped and answered at once, wherever it is") {
     const Ticket ticket = of_type<StartTile>(driver.receive(order(driver.scene, 5))).at(0).ticket;
     (void)driver.receive(order(other, 6));
     SUBCASE("running") {
-        const auto actions = driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{1}});
+        const auto actions = driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{6}});
         CHECK(failure(actions) == "cancelled: cancelled by the broker");
         REQUIRE(of_type<StopTile>(actions).size() == 1);
         CHECK(of_type<StopTile>(actions)[0].ticket == ticket);
         CHECK(driver.step(TileFinished{ticket, {}, {}, {}}).empty());
     }
     SUBCASE("waiting for its scene, which then is not wanted any more") {
-        const auto actions = driver.receive(CancelTile{job_id(1), TileIndex{6}, AttemptNumber{1}});
+        const auto actions = driver.receive(CancelTile{job_id(1), TileIndex{6}, AttemptNumber{7}});
         CHECK(failure(actions) == "cancelled: cancelled by the broker");
         CHECK(of_type<StopTile>(actions).empty());
         CHECK(of_type<CompileScene>(driver.receive(other.chunk(0))).empty());
     }
     SUBCASE("answered before, or of another attempt") {
         (void)driver.step(TileFinished{ticket, {}, {}, {}});
-        CHECK(driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{1}}).empty());
-        CHECK(driver.receive(CancelTile{job_id(1), TileIndex{6}, AttemptNumber{2}}).empty());
+        CHECK(driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{6}}).empty());
+        CHECK(driver.receive(CancelTile{job_id(1), TileIndex{6}, AttemptNumber{8}}).empty());
     }
 }
 
@@ -350,7 +353,7 @@ TEST_CASE("a broker that does not know the worker is greeted anew, and what ther
     }
     SUBCASE("the scene is still here when it is wanted again") {
         (void)driver.receive(welcome());
-        CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 5, 2))).size() == 1);
+        CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 5, 7))).size() == 1);
     }
 }
 
@@ -375,12 +378,67 @@ TEST_CASE("a silent broker is lost, and greeted until it answers") {
     CHECK(sent<WorkerBeat>(driver.pass(1s)).at(0).in_flight.empty());
 }
 
-TEST_CASE("a Welcome to a session that is open means that it was replaced") {
+TEST_CASE("a Welcome that comes twice drops nothing in silence: the broker is greeted anew") {
     Ready driver;
     (void)driver.receive(order(driver.scene, 5));
-    const auto actions = driver.receive(welcome());
+    auto actions = driver.receive(welcome());
     CHECK(of_type<StopTile>(actions).size() == 1);
     CHECK(of_type<Send>(actions).empty());
+    CHECK(of_type<Send>(driver.receive(welcome())).empty()); // nor by a third one
+    CHECK(of_type<Send>(driver.receive(order(driver.scene, 6))).empty());
+    actions = driver.pass(1s);
+    REQUIRE(sent<WorkerHello>(actions).size() == 1);
+    CHECK(sent<WorkerHello>(actions)[0].incarnation == 2);
+    CHECK(of_type<Send>(actions).size() == 1);
+    SUBCASE("nor does it bring back one that leaves") {
+        (void)driver.receive(welcome());
+        const Ticket ticket =
+            of_type<StartTile>(driver.receive(order(driver.scene, 7))).at(0).ticket;
+        (void)driver.step(Drain{});
+        CHECK(driver.receive(welcome()).empty());
+        CHECK(sent<TileRendered>(driver.step(TileFinished{ticket, {}, {}, {}})).size() == 1);
+    }
+}
+
+TEST_CASE("an order that comes twice is answered once, and counts once") {
+    Ready driver;
+    const RenderTile first = order(driver.scene, 5), second = order(driver.scene, 6);
+    const Ticket ticket = of_type<StartTile>(driver.receive(first)).at(0).ticket;
+    SUBCASE("while it is being rendered") {
+        CHECK(of_type<StartTile>(driver.receive(first)).empty());
+        CHECK(sent<TileRendered>(driver.step(TileFinished{ticket, {}, {}, {}})).size() == 1);
+        CHECK(sent<WorkerBeat>(driver.pass(1s)).at(0).tiles_received == 2);
+    }
+    SUBCASE("when it has been answered, and after another one") {
+        (void)driver.step(TileFinished{ticket, {}, {}, {}});
+        CHECK(of_type<StartTile>(driver.receive(second)).size() == 1);
+        CHECK(of_type<StartTile>(driver.receive(first)).empty());
+        const auto beats = sent<WorkerBeat>(driver.pass(1s));
+        CHECK(beats.at(0).tiles_received == 3);
+        CHECK(beats.at(0).in_flight.size() == 1);
+    }
+    SUBCASE("when its session is over, unless another broker counts anew") {
+        (void)driver.receive(Refused{RefusalCode::unknown_peer, {}, "hello?"});
+        (void)driver.receive(second); // too late, but it has come
+        (void)driver.pass(1s);
+        (void)driver.receive(welcome());
+        CHECK(of_type<StartTile>(driver.receive(first)).empty());
+        CHECK(of_type<StartTile>(driver.receive(second)).empty());
+        (void)driver.receive(Refused{RefusalCode::unknown_peer, {}, "hello?"});
+        (void)driver.pass(1s);
+        Welcome other = welcome();
+        other.broker.bytes[0] = 1;
+        (void)driver.receive(other);
+        CHECK(of_type<StartTile>(driver.receive(first)).size() == 1);
+    }
+}
+
+TEST_CASE("a broker's count of RenderTiles may come round") {
+    Ready driver;
+    CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 4, 1u << 31))).size() == 1);
+    CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 5, UINT32_MAX))).size() == 1);
+    CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 6, 3))).size() == 1);
+    CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 5, UINT32_MAX))).empty());
 }
 
 TEST_CASE("a Welcome to an earlier hello opens nothing, and its tiles are not taken") {
@@ -394,7 +452,7 @@ TEST_CASE("a Welcome to an earlier hello opens nothing, and its tiles are not ta
     CHECK(of_type<Send>(driver.receive(late)).empty());
     CHECK(of_type<Send>(driver.receive(order(scene, 1))).empty());
     (void)driver.receive(welcome());
-    CHECK(sent<NeedChunk>(driver.receive(order(scene, 1))).size() == 1);
+    CHECK(sent<NeedChunk>(driver.receive(order(scene, 1, 3))).size() == 1);
     const auto beats = sent<WorkerBeat>(driver.pass(1s));
     REQUIRE(beats.size() == 1);
     CHECK(beats[0].tiles_received == 1);
@@ -444,7 +502,7 @@ TEST_CASE("a caller that is gone takes its tiles with it, and the next one is gr
     REQUIRE(hellos.size() == 1);
     CHECK(hellos[0].incarnation == 2);
     (void)driver.receive(welcome());
-    actions = driver.receive(order(scene, 1, 1, 2)); // the scene is still on the shelf
+    actions = driver.receive(order(scene, 1, 3, 2)); // the scene is still on the shelf
     CHECK(of_type<StartTile>(actions).size() == 1);
 }
 
@@ -533,7 +591,7 @@ TEST_CASE("draining: takes nothing more, finishes, says goodbye") {
             CHECK(sent<Goodbye>(actions).size() == 1);
         }
         SUBCASE("that the broker does not want") {
-            actions = driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{1}});
+            actions = driver.receive(CancelTile{job_id(1), TileIndex{5}, AttemptNumber{6}});
             CHECK(sent<Goodbye>(actions).size() == 1);
         }
         SUBCASE("but no broker left to give it to") {

@@ -145,7 +145,7 @@ Welcome quick_welcome() {
 RenderTile order(const Bytes& scene, std::uint32_t tile) {
     return {.job = JobId{},
             .tile = TileIndex{tile},
-            .attempt = AttemptNumber{1},
+            .attempt = AttemptNumber{tile + 1},
             .frame = 0,
             .rect = {64 * tile, 0, 64, 48},
             .scene = content_hash(scene),
