@@ -74,6 +74,8 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
                       "a WorkerHello beyond the limits of the protocol");
     if (const auto known = peer_of_worker_.find(hello.worker); known != peer_of_worker_.end()) {
         const auto old = workers_.find(known->second);
+        if (known->second == peer && hello.incarnation == old->second.hello.incarnation)
+            return; // the same hello has come twice
         if (hello.incarnation < old->second.hello.incarnation)
             return refuse(peer, RefusalCode::conflict,
                           "a newer incarnation of this worker is here");

@@ -91,6 +91,21 @@ TEST_CASE("a worker that says hello again gets its tiles anew") {
     CHECK(farm.last<Refused>("old connection").code == RefusalCode::unknown_peer);
 }
 
+TEST_CASE("a worker's hello that comes twice changes nothing") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 2);
+    farm.submit(1, 4);
+    const auto before = farm.tiles("w");
+    REQUIRE(before.size() == 2);
+    const std::size_t said = farm.sent["w"].size();
+    farm.worker_arrives("w", 1, 1, 2);
+    CHECK(farm.sent["w"].size() == said);
+    farm.render("w", before[0]);
+    farm.render("w", before[0]); // an answer that comes twice is stale
+    CHECK(farm.dispatcher.counters().stale_answers == 1);
+    CHECK(farm.tiles("w").size() == 1);
+}
+
 TEST_CASE("an older incarnation of a worker is refused") {
     Farm farm;
     WorkerHello hello{.worker = id_of<WorkerId>(1),
