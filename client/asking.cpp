@@ -10,6 +10,25 @@ using namespace std::chrono_literals;
 
 constexpr Duration ask_repeat = 2s; // unanswered
 
+/// Whether that has been done with the job, by whomever.
+bool shows(const protocol::JobState& state, const JobQuestion& question) {
+    using enum protocol::JobPhase;
+    const protocol::JobPhase phase = state.phase;
+    switch (*question.deed) {
+    case protocol::JobDeed::cancel:
+        return protocol::is_over(phase);
+    case protocol::JobDeed::pause:
+        return phase == paused;
+    case protocol::JobDeed::resume:
+        return phase == queued || phase == running;
+    case protocol::JobDeed::retry:
+        return phase != failed && phase != cancelled;
+    case protocol::JobDeed::set_priority:
+        return state.priority == question.priority;
+    }
+    return true;
+}
+
 } // namespace
 
 Asking::Asking(Question question, SessionOptions session)
@@ -28,7 +47,6 @@ void Asking::step(Instant now, const Event& event, std::vector<Action>& actions)
     case Session::Change::gave_up:
         return finish(session_.failure(), actions);
     case Session::Change::opened:
-        finds_pending_ = 0;
         return ask(now, actions);
     case Session::Change::none:
         break;
@@ -62,29 +80,23 @@ void Asking::ask(Instant now, std::vector<Action>& actions) {
         return actions.emplace_back(Send{protocol::ControlWorker{worker->worker, worker->deed}}),
                void();
     const auto& question = std::get<JobQuestion>(question_);
-    if (job_) {
+    if (job_)
         actions.emplace_back(Send{protocol::ControlJob{*job_, *question.deed, question.priority}});
-    } else {
-        ++finds_pending_;
+    else
         actions.emplace_back(Send{protocol::FindJob{question.job}});
-    }
 }
 
 void Asking::take(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
     const auto* question = std::get_if<JobQuestion>(&question_);
-    // Answers come in order: of a FindJob that was repeated there are two, and the second says
-    // nothing of what was asked for since.
-    const bool finds = finds_pending_ > 0;
-    if (finds)
-        --finds_pending_;
-    if (finds && job_)
-        return;
     if (!question || (job_ && state.job != *job_))
         return;
     if (!job_ && question->deed) {
         job_ = state.job;
         return ask(now, actions);
     }
+    // The answer to a FindJob may come again, and says nothing of what was asked for since.
+    if (question->deed && !shows(state, *question))
+        return;
     actions.push_back(News(StateChanged{state}));
     finish({}, actions);
 }

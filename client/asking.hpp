@@ -11,8 +11,8 @@
 
 namespace fraja::client {
 
-/// Finds a job, and does something with it, where that is asked. Tells the state by StateChanged,
-/// then is over.
+/// Finds a job, and does something with it, where that is asked. Tells the state that shows it by
+/// StateChanged, then is over.
 struct JobQuestion {
     std::string job; ///< as FindJob takes it
     std::optional<protocol::JobDeed> deed{};
@@ -40,8 +40,7 @@ private:
 
     Question question_;
     Session session_;
-    std::optional<JobId> job_;        ///< once it is found
-    std::uint32_t finds_pending_ = 0; ///< FindJobs without an answer on this session
+    std::optional<JobId> job_; ///< once it is found
     bool finished_ = false;
     Instant ask_due_ = Instant::never();
 };

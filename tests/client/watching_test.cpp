@@ -117,6 +117,8 @@ TEST_CASE("what is found twice is no answer to what was asked since") {
     CHECK_FALSE(is_over());
     hear(state); // to the second
     CHECK_FALSE(is_over());
+    hear(state); // which comes twice
+    CHECK_FALSE(is_over());
     state.phase = protocol::JobPhase::cancelled;
     hear(state);
     CHECK(is_over());
