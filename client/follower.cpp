@@ -40,8 +40,10 @@ bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
         return next.epoch > last.epoch;
     if (is_over(last.phase)) // for ever, or until it is tried again: then its time goes on
         return last.phase != protocol::JobPhase::done && next.elapsed > last.elapsed;
-    if (is_over(next.phase) || next.done_count != last.done_count)
-        return is_over(next.phase) || next.done_count > last.done_count;
+    if (next.phase == protocol::JobPhase::waiting_for_scene) // as no job does again
+        return next.phase == last.phase;
+    if (!is_over(next.phase) && next.done_count != last.done_count)
+        return next.done_count > last.done_count;
     return next.elapsed >= last.elapsed;
 }
 

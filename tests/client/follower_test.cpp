@@ -357,8 +357,20 @@ TEST_CASE("a job that was cancelled and is tried again is followed on, and late 
     CHECK(hear(cancelled, 2, 5s) == cancelled); // two tiles are missing here
     CHECK(hear(running, 2, 4500ms) == cancelled);
     CHECK(hear(running, 2, 6s) == running);
+    CHECK(hear(cancelled, 2, 5s) == running);
     CHECK(hear(done, 4, 7s) == done);
     CHECK(hear(running, 4, 8s) == done);
+}
+
+TEST_CASE("a job that was acknowledged does not wait for its scene again") {
+    protocol::JobState job = job_of_four_tiles();
+    job.phase = protocol::JobPhase::queued;
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    follower.start(Instant{}, actions);
+    job.phase = protocol::JobPhase::waiting_for_scene; // said before, and once more
+    follower.step(Instant{}, FromBroker{job}, actions);
+    CHECK(follower.state().phase == protocol::JobPhase::queued);
 }
 
 TEST_CASE("of a tile that is here in part only the rest is told, with its own pixels") {
