@@ -10,6 +10,9 @@ namespace {
 
 constexpr std::uint32_t hurries_max = 1'000;
 
+/// A connection that is silent for so long is given up by ZeroMQ (net/sockets.cpp).
+constexpr Duration connection_patience = 30s;
+
 } // namespace
 
 // ------------------------------------------------------------------------------------- processes
@@ -111,6 +114,12 @@ void Network::break_line(Process& process) {
     connect(process, process.reconnected);
 }
 
+void Network::silence(Process& process, Instant until) {
+    process.line.silent_until = until;
+    if (until - farm_.now() > connection_patience)
+        break_line(process);
+}
+
 void Network::break_all_lines() {
     for (std::size_t i = 0; i < known_.size(); ++i)
         break_line(*known_[i]);
@@ -147,6 +156,12 @@ bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
                             });
                     });
     return true;
+}
+
+void cut_off(const std::set<const Process*>& group, const std::vector<Node>& nodes, Instant until) {
+    for (const auto& [process, network] : nodes)
+        if (group.contains(process) != group.contains(&network->broker()))
+            network->silence(*process, until);
 }
 
 } // namespace fraja::sim

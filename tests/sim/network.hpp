@@ -8,6 +8,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,6 +44,7 @@ public:
     Network(Farm& farm, Process& broker) : farm_(farm), broker_(broker) {}
 
     std::function<void(broker::PeerId, protocol::Message&&)> broker_hears;
+    [[nodiscard]] const Process& broker() const { return broker_; }
 
     template <class F>
     void in_process(Process& process, F deed) {
@@ -63,6 +65,8 @@ public:
     void connect(Process& process, const std::function<void()>& connected = {});
     void disconnect(Process& process);
     void break_line(Process& process);
+    /// Nothing goes through before that.
+    void silence(Process& process, Instant until);
     void break_all_lines();
     /// Whether it left; then it is moved from.
     bool to_broker(Process& process, protocol::Message& message);
@@ -80,5 +84,15 @@ private:
     std::map<broker::PeerId, std::pair<Process*, std::uint64_t>> lines_;
     std::vector<Process*> known_;
 };
+
+/// A process, and the network that it is in.
+struct Node {
+    Process* process;
+    Network* network;
+};
+
+/// Until then nobody in `group` hears anybody who is not, nor is heard: whatever is said goes
+/// through late, or is lost where the connection breaks meanwhile.
+void cut_off(const std::set<const Process*>& group, const std::vector<Node>& nodes, Instant until);
 
 } // namespace fraja::sim

@@ -22,8 +22,9 @@ struct Faults {
     Duration delay_max = std::chrono::milliseconds(2);
     /// A node's connection breaks: what is under way is lost, and it is found again.
     Duration breaks_every{};
-    /// A node hears and is heard late, by up to `partition_max`; beyond `patience` its connection
-    /// has broken meanwhile.
+    /// Some nodes, often one alone, are cut off from all others: across the cut everybody hears and
+    /// is heard late, by up to `partition_max`; beyond the patience of a connection it has broken
+    /// meanwhile.
     Duration partitions_every{}, partition_max = std::chrono::seconds(20);
     Duration worker_crashes_every{}, broker_crashes_every{};
     Duration restart_max = std::chrono::seconds(5);

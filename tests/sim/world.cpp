@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <chrono>
 #include <memory>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,9 +18,6 @@ namespace fraja::sim {
 namespace {
 
 using namespace std::chrono_literals;
-
-/// A connection that is silent for so long is given up by ZeroMQ (net/sockets.cpp).
-constexpr Duration connection_patience = 30s;
 
 /// When all is healed partitions and hangs may go on for a while, and then leases must end.
 constexpr Duration leases_end = 4min, lease_patience = 30s;
@@ -40,6 +38,7 @@ public:
         }
         for (std::size_t i = 0; i < scenario.jobs.size(); ++i)
             clients_.push_back(std::make_unique<ClientNode>(farm_, network_, stream_, i));
+        list_nodes();
     }
 
     Report run() {
@@ -64,19 +63,19 @@ public:
     }
 
 private:
-    /// A worker, a branch or a client, and the network that it is a node of.
-    std::pair<Process*, Network*> random_node() {
-        std::size_t i = farm_.rng.below(workers_.size() + branches_.size() + clients_.size());
-        if (i < workers_.size()) {
+    void list_nodes() {
+        for (const auto& branch : branches_) // before their workers
+            nodes_.push_back({&branch->process(), &network_});
+        for (std::size_t i = 0; i < workers_.size(); ++i) {
             const std::size_t branch = farm_.scenario.workers[i].branch;
-            return {&workers_[i]->process(),
-                    branch == 0 ? &network_ : &branches_[branch - 1]->below()};
+            nodes_.push_back({&workers_[i]->process(),
+                              branch == 0 ? &network_ : &branches_[branch - 1]->below()});
         }
-        i -= workers_.size();
-        if (i < branches_.size())
-            return {&branches_[i]->process(), &network_};
-        return {&clients_[i - branches_.size()]->process(), &network_};
+        for (const auto& client : clients_)
+            nodes_.push_back({&client->process(), &network_});
     }
+    /// A worker, a branch or a client.
+    Node random_node() { return nodes_[farm_.rng.below(nodes_.size())]; }
     void crash_somebody() {
         const std::size_t i = farm_.rng.below(workers_.size() + branches_.size());
         if (i < workers_.size())
@@ -87,14 +86,17 @@ private:
     void plan_accidents() {
         const Faults& f = farm_.scenario.faults;
         farm_.every(f.breaks_every, [this] {
-            const auto [process, network] = random_node();
-            network->break_line(*process);
+            const Node node = random_node();
+            node.network->break_line(*node.process);
         });
-        farm_.every(f.partitions_every, [this] { part(random_node()); });
+        farm_.every(f.partitions_every, [this] {
+            cut_off(random_group(), nodes_,
+                    farm_.now() + farm_.between(0s, farm_.scenario.faults.partition_max));
+        });
         farm_.every(f.worker_crashes_every, [this] { crash_somebody(); });
         farm_.every(f.broker_crashes_every, [this] { broker_.crash(); });
         farm_.every(f.hangs_every, [this] {
-            Process& process = farm_.rng.below(4) == 0 ? broker_process_ : *random_node().first;
+            Process& process = farm_.rng.below(4) == 0 ? broker_process_ : *random_node().process;
             process.frozen_until = farm_.now() + farm_.between(0s, farm_.scenario.faults.hang_max);
         });
         farm_.every(f.disk_errors_every, [this] { broker_.fail_disk(); });
@@ -109,12 +111,17 @@ private:
         if (f.hung_tiles > 0)
             farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
     }
-    void part(const std::pair<Process*, Network*>& node) {
-        const auto [process, network] = node;
-        const Duration silence = farm_.between(0s, farm_.scenario.faults.partition_max);
-        process->line.silent_until = farm_.now() + silence;
-        if (silence > connection_patience)
-            network->break_line(*process);
+    /// One node with, mostly, its workers; as often with any others.
+    std::set<const Process*> random_group() {
+        const Process* first = random_node().process;
+        const double share = farm_.rng.below(2) == 0 ? 0 : farm_.rng.unit();
+        std::set<const Process*> group;
+        for (const auto& [process, network] : nodes_) {
+            const bool follows = group.contains(&network->broker()) && farm_.rng.below(4) > 0;
+            if (process == first || follows || farm_.rng.unit() < share)
+                group.insert(process);
+        }
+        return group;
     }
     /// Nothing else brings the threads back, and somebody does it in the end. By then their tiles
     /// must have been taken back.
@@ -139,6 +146,7 @@ private:
     std::vector<std::unique_ptr<WorkerNode>> workers_;
     std::vector<std::unique_ptr<ClientNode>> clients_;
     Administrator administrator_;
+    std::vector<Node> nodes_;
 };
 
 } // namespace
