@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -55,6 +56,14 @@ struct Farm {
     /// Of a message.
     [[nodiscard]] Duration delay() {
         return between(scenario.faults.delay_min, scenario.faults.delay_max);
+    }
+    /// Of a message: how long after it the same one comes again, if it does.
+    [[nodiscard]] std::optional<Duration> duplicate_lag() {
+        if (scenario.faults.duplicates <= 0 || healed() || rng.unit() >= scenario.faults.duplicates)
+            return std::nullopt;
+        ++report.duplicates;
+        return rng.below(2) == 0 ? Duration::zero()
+                                 : between(Duration::zero(), scenario.faults.duplicate_lag_max);
     }
     /// Does it again and again, with that mean time between, until all is healed.
     template <class F>

@@ -11,12 +11,15 @@ namespace {
 
 using namespace fraja;
 
-constexpr auto usage = "fraja-sim [--hours H] [--from S] [--failures N] | --seed S\n"
-                       "  --hours H     of pretend time, farm after farm; 10 without it\n"
-                       "  --from S      the first farm's seed; 1 without it\n"
-                       "  --failures N  are enough: ends then\n"
-                       "  --seed S      that farm alone, with all that its programs say\n"
-                       "INT and TERM end it after the farm at hand.\n";
+constexpr auto usage =
+    "fraja-sim [--hours H] [--from S] [--failures N] | --seed S\n"
+    "Farms in pretend time. As the seed will have it: delay, duplicates, broken connections,\n"
+    "partitions of one node or many, crashes, hangs, slow machines, bad disks, wrong clocks.\n"
+    "  --hours H     of pretend time, farm after farm; 10 without it\n"
+    "  --from S      the first farm's seed; 1 without it\n"
+    "  --failures N  are enough: ends then\n"
+    "  --seed S      that farm alone, with all that its programs say\n"
+    "INT and TERM end it after the farm at hand.\n";
 
 volatile std::sig_atomic_t asked_to_end = 0;
 std::uint64_t seed_at_hand = 0;
@@ -58,7 +61,8 @@ int main(int argc, char** argv) {
             return 2;
         }
     Duration total{};
-    std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, seed = options.from;
+    std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, duplicates = 0,
+                  seed = options.from;
     for (const int signal : {SIGINT, SIGTERM})
         std::signal(signal, [](int) { asked_to_end = 1; });
     std::signal(SIGABRT, tell_seed);
@@ -80,6 +84,7 @@ int main(int argc, char** argv) {
         events += report.events;
         restarts += report.restarts;
         tiles += report.tiles;
+        duplicates += report.duplicates;
         for (const std::string& violation : report.violations)
             fmt::print("seed {}: {}\n", seed, violation);
         std::fflush(stdout);
@@ -89,8 +94,8 @@ int main(int argc, char** argv) {
     }
     fmt::print(
         "seeds {} to {}: {} farms, {:.2f} hours, {} events, {} tiles, {} restarts of brokers, "
-        "{} failed\n",
+        "{} duplicates, {} failed\n",
         options.from, seed - 1, seed - options.from, seconds(total) / 3600, events, tiles, restarts,
-        failed);
+        duplicates, failed);
     return failed > 0;
 }

@@ -1,6 +1,7 @@
 #include "tests/sim/network.hpp"
 
 #include <algorithm>
+#include <variant>
 
 namespace fraja::sim {
 
@@ -125,18 +126,30 @@ void Network::break_all_lines() {
         break_line(*known_[i]);
 }
 
+template <class F>
+void Network::plan_arrival(Instant when, protocol::Message&& message, F arrive) {
+    const auto lag = farm_.duplicate_lag();
+    if (lag)
+        farm_.agenda.at(when + *lag, [arrive, again = message]() mutable { arrive(again); });
+    farm_.agenda.at(when, [arrive, message = std::move(message)]() mutable { arrive(message); });
+}
+
 bool Network::to_broker(Process& process, protocol::Message& message) {
-    if (!process.line.up)
+    Line& line = process.line;
+    if (!line.up)
         return false;
-    farm_.agenda.at(arrival(process.line, process.line.to_broker),
-                    [this, &process, generation = process.line.generation, peer = process.line.peer,
-                     message = std::move(message)]() mutable {
-                        if (process.line.generation == generation)
-                            in_process(broker_, [this, peer = std::move(peer),
-                                                 message = std::move(message)]() mutable {
-                                broker_hears(std::move(peer), std::move(message));
-                            });
-                    });
+    line.hellos_said += std::holds_alternative<protocol::WorkerHello>(message);
+    plan_arrival(arrival(line, line.to_broker), std::move(message),
+                 [this, &process, generation = line.generation, hellos = line.hellos_said,
+                  peer = line.peer](protocol::Message& arrived) {
+                     if (process.line.generation != generation ||
+                         hellos < process.line.hellos_heard)
+                         return;
+                     process.line.hellos_heard = hellos;
+                     in_process(broker_, [this, peer, arrived = std::move(arrived)]() mutable {
+                         broker_hears(std::move(peer), std::move(arrived));
+                     });
+                 });
     return true;
 }
 
@@ -145,16 +158,15 @@ bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
     if (found == lines_.end())
         return false;
     Process& process = *found->second.first;
-    farm_.agenda.at(arrival(process.line, process.line.to_node),
-                    [this, &process, generation = found->second.second,
-                     message = std::move(message)]() mutable {
-                        if (process.line.generation == generation && process.line.up)
-                            in_process(process, [&process, socket = process.socket,
-                                                 message = std::move(message)]() mutable {
-                                if (process.socket == socket)
-                                    process.hear(std::move(message));
-                            });
-                    });
+    plan_arrival(arrival(process.line, process.line.to_node), std::move(message),
+                 [this, &process, generation = found->second.second](protocol::Message& arrived) {
+                     if (process.line.generation == generation && process.line.up)
+                         in_process(process, [&process, socket = process.socket,
+                                              arrived = std::move(arrived)]() mutable {
+                             if (process.socket == socket)
+                                 process.hear(std::move(arrived));
+                         });
+                 });
     return true;
 }
 

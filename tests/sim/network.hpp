@@ -15,13 +15,14 @@
 
 namespace fraja::sim {
 
-/// From a node to the broker and back: in order each way, lost when it breaks.
+/// From a node to the broker and back: in order each way, but for duplicates; lost when it breaks.
 struct Line {
     std::uint64_t generation = 0; ///< of the connection; another one, another peer
     bool up = false;
     broker::PeerId peer;            ///< while it is up
     Instant to_broker{}, to_node{}; ///< when the last message arrives
     Instant silent_until{};
+    std::uint64_t hellos_said = 0, hellos_heard = 0; ///< a worker's; what is older is void
 };
 
 /// One of the farm's programs. Whatever comes to one that stands still waits, in order.
@@ -77,6 +78,9 @@ private:
     void thaw_when_due(Process& process);
     void plan_tick(Process& process, Instant when);
     [[nodiscard]] Instant arrival(const Line& line, Instant& last);
+    /// Does `arrive(message)` then, and again where it comes twice.
+    template <class F>
+    void plan_arrival(Instant when, protocol::Message&& message, F arrive);
 
     Farm& farm_;
     Process& broker_;

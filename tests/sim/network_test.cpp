@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <doctest/doctest.h>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -15,7 +16,13 @@ using namespace std::chrono_literals;
 struct Pair {
     explicit Pair(const Scenario& s) : farm(s), network(farm, broker) {
         network.broker_hears = [this](const broker::PeerId&, protocol::Message&& message) {
-            heard.push_back(std::get<protocol::WorkerBeat>(message).credit);
+            if (std::holds_alternative<protocol::WorkerHello>(message))
+                heard.push_back(hello);
+            else
+                heard.push_back(std::get<protocol::WorkerBeat>(message).credit);
+        };
+        node.hear = [this](protocol::Message&& message) {
+            heard.push_back(std::get<protocol::RenderTile>(message).pass);
         };
         network.begin_life(broker);
         network.begin_life(node);
@@ -30,30 +37,97 @@ struct Pair {
         protocol::Message message = protocol::WorkerBeat{.credit = number, .in_flight = {}};
         REQUIRE(network.to_broker(node, message));
     }
+    void say_hello() {
+        protocol::Message message = protocol::WorkerHello{};
+        REQUIRE(network.to_broker(node, message));
+    }
+    void send_order(std::uint32_t number) {
+        protocol::RenderTile order;
+        order.pass = number;
+        REQUIRE(network.to_node(node.line.peer, std::move(order)));
+    }
+
+    static constexpr std::uint32_t hello = 1'000;
     Farm farm;
     Process broker, node;
     Network network;
     std::vector<std::uint32_t> heard; ///< their numbers
 };
 
-Scenario without_faults() {
+Scenario scenario_with(double duplicates, Duration lag_max) {
     Scenario s;
     s.seed = 5;
+    s.faults.heals_at = 1h;
+    s.faults.duplicates = duplicates;
+    s.faults.duplicate_lag_max = lag_max;
     return s;
 }
 
 TEST_CASE("without faults a message comes once, in order") {
-    const Scenario s = without_faults();
+    const Scenario s = scenario_with(0, 1s);
     Pair pair(s);
     for (std::uint32_t i = 0; i < 100; ++i)
         pair.say(i);
     pair.run();
     CHECK(pair.heard.size() == 100);
     CHECK(std::ranges::is_sorted(pair.heard));
+    CHECK(pair.farm.report.duplicates == 0);
+}
+
+TEST_CASE("a duplicate comes after its message: directly, or after others") {
+    for (const bool orders : {false, true}) {
+        const Scenario s = scenario_with(0.5, 5ms);
+        Pair pair(s);
+        for (std::uint32_t i = 0; i < 1'000; ++i)
+            orders ? pair.send_order(i) : pair.say(i);
+        pair.run();
+        std::vector<std::uint32_t> first;
+        std::size_t directly = 0, later = 0;
+        for (std::size_t k = 0; k < pair.heard.size(); ++k)
+            if (std::ranges::find(first, pair.heard[k]) == first.end())
+                first.push_back(pair.heard[k]);
+            else
+                ++(pair.heard[k - 1] == pair.heard[k] ? directly : later);
+        CHECK(first.size() == 1'000);
+        CHECK(std::ranges::is_sorted(first));
+        CHECK(directly + later == pair.farm.report.duplicates);
+        CHECK(directly > 100);
+        CHECK(later > 100);
+    }
+}
+
+TEST_CASE("when all is healed nothing comes twice") {
+    Scenario s = scenario_with(1, 1s);
+    s.faults.heals_at = Duration::zero();
+    Pair pair(s);
+    pair.say(1);
+    pair.run();
+    CHECK(pair.heard.size() == 1);
+}
+
+TEST_CASE("no duplicate of what was said before a hello comes after it") {
+    const Scenario s = scenario_with(1, 1s);
+    Pair pair(s);
+    for (std::uint32_t i = 0; i < 100; ++i)
+        pair.say(i);
+    pair.say_hello();
+    pair.run();
+    const auto at = std::ranges::find(pair.heard, Pair::hello);
+    CHECK(std::count(at, pair.heard.end(), Pair::hello) == 2); // which may come twice itself
+    CHECK(pair.heard.end() - at == 2);
+}
+
+TEST_CASE("a duplicate is lost with its connection") {
+    const Scenario s = scenario_with(1, 1h);
+    Pair pair(s);
+    pair.say(1);
+    pair.network.break_line(pair.node);
+    pair.run();
+    CHECK(pair.heard.empty());
 }
 
 TEST_CASE("a cut goes between a group and all others, and nowhere else") {
-    const Scenario s = without_faults();
+    const Scenario s = scenario_with(0, {});
     Farm farm(s);
     Process root, branch, with_branch, elsewhere;
     Network above(farm, root), below(farm, branch);
@@ -76,7 +150,7 @@ TEST_CASE("a cut goes between a group and all others, and nowhere else") {
 }
 
 TEST_CASE("what is said across a cut goes through when it heals, or breaks with its connection") {
-    const Scenario s = without_faults();
+    const Scenario s = scenario_with(0, {});
     Pair pair(s);
     const std::vector<Node> nodes = {{&pair.node, &pair.network}};
     cut_off({&pair.node}, nodes, pair.farm.now() + 10s);

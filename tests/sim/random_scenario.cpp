@@ -22,6 +22,12 @@ Duration sometimes(Rng& rng, Duration low, Duration high) {
     return rng.below(3) == 0 ? Duration::zero() : between(rng, low, high);
 }
 
+/// Mostly nothing, else little or much.
+double random_share(Rng& rng) {
+    constexpr double shares[] = {0, 0, 0, 0.01, 0.1, 0.5};
+    return rng.unit() * shares[rng.below(6)];
+}
+
 Faults random_faults(Rng& rng) {
     Faults f;
     f.heals_at = 5min;
@@ -41,6 +47,8 @@ Faults random_faults(Rng& rng) {
     f.disk_error_max = sometimes(rng, 1s, 60s);
     f.clock_jumps_every = sometimes(rng, 20s, 3min);
     f.controls_every = sometimes(rng, 5s, 1min);
+    f.duplicates = random_share(rng);
+    f.duplicate_lag_max = sometimes(rng, 10ms, 10s);
     return f;
 }
 

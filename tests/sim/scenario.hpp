@@ -26,6 +26,11 @@ struct Faults {
     /// is heard late, by up to `partition_max`; beyond the patience of a connection it has broken
     /// meanwhile.
     Duration partitions_every{}, partition_max = std::chrono::seconds(20);
+    /// Share of messages that come twice, as if a sender did not know of the first: at once, or by
+    /// up to `duplicate_lag_max` later, after others of their connection. A hello ends that: what
+    /// was said before it is void.
+    double duplicates = 0;
+    Duration duplicate_lag_max{};
     Duration worker_crashes_every{}, broker_crashes_every{};
     Duration restart_max = std::chrono::seconds(5);
     /// A process stands still, as by SIGSTOP.
@@ -97,12 +102,13 @@ struct Report {
     std::vector<JobReport> jobs;
     std::vector<WorkerReport> workers;
     Duration ended_at{};
-    double useful_rays = 0;     ///< of what was accepted first
-    Duration probe{};           ///< that probes took
-    std::uint64_t events = 0;   ///< steps of cores
-    std::uint64_t history = 0;  ///< a hash of all that happened, in order
-    std::uint64_t restarts = 0; ///< of the broker
-    std::uint64_t tiles = 0;    ///< that clients got
+    double useful_rays = 0;       ///< of what was accepted first
+    Duration probe{};             ///< that probes took
+    std::uint64_t events = 0;     ///< steps of cores
+    std::uint64_t history = 0;    ///< a hash of all that happened, in order
+    std::uint64_t restarts = 0;   ///< of the broker
+    std::uint64_t tiles = 0;      ///< that clients got
+    std::uint64_t duplicates = 0; ///< messages that came twice
 };
 
 [[nodiscard]] Report run(const Scenario& scenario);

@@ -10,6 +10,7 @@ TEST_CASE("the same seed gives the same history") {
     const Report one = run(random_scenario(5)), two = run(random_scenario(5));
     CHECK(one.history == two.history);
     CHECK(one.events == two.events);
+    CHECK(one.duplicates == two.duplicates);
     CHECK(one.history != run(random_scenario(6)).history);
 }
 

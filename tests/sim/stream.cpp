@@ -58,12 +58,14 @@ void Stream::publish(const std::string& topic, protocol::Message&& message) {
             continue;
         subscriber->last = std::max(
             {subscriber->last, farm_.now() + farm_.delay(), subscriber->process.line.silent_until});
-        farm_.agenda.at(
-            subscriber->last, [this, subscriber, generation = subscriber->generation, shared] {
-                if (subscriber->generation == generation)
-                    network_.in_process(subscriber->process,
-                                        [subscriber, shared] { subscriber->hear(*shared); });
-            });
+        const auto arrive = [this, subscriber, generation = subscriber->generation, shared] {
+            if (subscriber->generation == generation)
+                network_.in_process(subscriber->process,
+                                    [subscriber, shared] { subscriber->hear(*shared); });
+        };
+        farm_.agenda.at(subscriber->last, arrive);
+        if (const auto lag = farm_.duplicate_lag())
+            farm_.agenda.at(subscriber->last + *lag, arrive);
     }
 }
 

@@ -1,4 +1,5 @@
-// The stream: what the broker publishes, to whom it is subscribed; it drops in silence.
+// The stream: what the broker publishes, to whom it is subscribed; it drops in silence, and may say
+// twice.
 #pragma once
 
 #include "common/protocol/messages.hpp"
