@@ -99,31 +99,44 @@ void Dispatcher::give_out() {
 
 /// A tile of the group to the least loaded worker that may have one; of a party that takes on
 /// another one of the few it wants, to the fastest that is idle: with that it stays. Where more
-/// workers would not help, to one that has the scene.
+/// workers would not help, to one that has the scene; that one is the first to be asked, too, where
+/// nobody is at it yet, or some are late.
 bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
     const Party& party = *group.party;
     Job& first = jobs_.at(group.places.begin()->job);
     if (!party.is_film() && is_waiting_to_be_dealt_out(first))
         return false;
-    const bool to_anybody = newcomers_help(first);
     const auto give = [&](const PeerId& peer) {
         WorkerSession& worker = workers_.at(peer);
-        return (to_anybody || has_scene(worker, first.submission().scene)) &&
-               suits(worker, peer, party) &&
+        return suits(worker, peer, party) &&
                ready_.any_for(group, frames_at_hand(worker, party),
                               [&](const JobId& job) { return grant(peer, worker, jobs_.at(job)); });
     };
-    if (to_anybody && party.wishes().workers_max > party.workers().size() &&
+    // any_of stops at the grant, which changes free_workers_ and the group.
+    const auto give_to = [&](const auto& whom) {
+        return std::ranges::any_of(free_workers_, [&](const auto& free) {
+            return whom(workers_.at(free.second)) && give(PeerId(free.second));
+        });
+    };
+    const auto is_at_home = [&](const WorkerSession& worker) {
+        return has_scene(worker, first.submission().scene);
+    };
+    if (!newcomers_help(first)) {
+        if (give_to(is_at_home))
+            return true;
+        hold_back(first);
+        return false;
+    }
+    if (party.wishes().workers_max > party.workers().size() &&
         party.wishes().schedule == Schedule::demand)
         if (const auto fastest = fastest_idle_worker(party); fastest && give(*fastest))
             return true;
-    // any_of stops at the grant, which changes free_workers_ and the group.
-    if (std::ranges::any_of(free_workers_,
-                            [&](const auto& free) { return give(PeerId(free.second)); }))
+    if ((party.workers().empty() || first.was_overbooked()) &&
+        give_to([&](const WorkerSession& worker) {
+            return worker.grants.size() < worker.hello.threads && is_at_home(worker);
+        }))
         return true;
-    if (!to_anybody)
-        held_back_until_ = std::min(held_back_until_, first.given_at + head_start(first));
-    return false;
+    return give_to([](const WorkerSession&) { return true; });
 }
 
 std::optional<PeerId> Dispatcher::fastest_idle_worker(const Party& party) const {
@@ -242,6 +255,7 @@ bool Dispatcher::grant_probe(const PeerId& peer, WorkerSession& worker, Job& job
         return false;
     }
     job.probe = Job::Probe::in_flight;
+    job.prober = peer;
     const auto squares = static_cast<double>(probe_squares(job.submission().settings.crop, *side));
     send_grant(peer, worker, job, Grant{.probe_side = *side, .tile = {}, .work = squares},
                AttemptNumber{attempts_ + 1});
@@ -314,7 +328,6 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
         grant.started_at = now_;
     grant.number = worker.tiles_sent++;
     grant.fetches_scene = note_scene(worker, job.submission().scene);
-    job.given_at = now_;
     const SubmitJob& s = job.submission();
     RenderTile order{.job = job.id(),
                      .tile = tile,

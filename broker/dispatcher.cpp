@@ -7,7 +7,8 @@
 namespace fraja::broker {
 
 Dispatcher::Dispatcher(Identity identity, Limits limits)
-    : identity_(std::move(identity)), limits_(limits), blobs_(limits.blob_bytes_max) {}
+    : identity_(std::move(identity)), limits_(limits), fetch_times_(limits.fetch_times_max),
+      blobs_(limits.blob_bytes_max) {}
 
 void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
     now_ = std::max(now_, now);

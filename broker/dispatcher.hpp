@@ -4,6 +4,7 @@
 
 #include "broker/blob_store.hpp"
 #include "broker/events.hpp"
+#include "broker/fetch_times.hpp"
 #include "broker/job.hpp"
 #include "broker/limits.hpp"
 #include "broker/ready_jobs.hpp"
@@ -203,13 +204,15 @@ private:
     void count_capacity(WorkerSession& worker);
 
     // newcomers.cpp: whether more workers would help
-    [[nodiscard]] bool newcomers_help(const Job& job) const;
+    [[nodiscard]] bool newcomers_help(Job& job) const;
+    [[nodiscard]] double capacity_at(const Job& job) const;
     [[nodiscard]] Duration head_start(const Job& job) const;
-    [[nodiscard]] Duration fetch_time(const Job& job) const;
+    void hold_back(Job& job);
+    void release_held_back();
     [[nodiscard]] static bool has_scene(const WorkerSession& worker, const ContentHash& scene);
     [[nodiscard]] bool note_scene(WorkerSession& worker, const ContentHash& scene) const;
-    void learn_fetch_time(Job& job, const Grant& grant, Duration elapsed);
-    void release_held_back();
+    static bool forget_scene(WorkerSession& worker, const ContentHash& scene);
+    void learn_fetch_time(const ContentHash& scene, const Grant& grant, Duration elapsed);
 
     // overbooking.cpp: and who helps out when nothing is left to be given
     struct Late {
@@ -316,10 +319,10 @@ private:
         free_workers_;                    ///< with credit left, the least loaded first
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0
     std::uint64_t threads_with_credit_ = 0;
-    double capacity_ = 0;                        ///< of these: work in a second
-    Speed speed_;                                ///< of a thread, of all that was ever here
-    std::uint32_t attempts_ = 0;                 ///< RenderTiles ever sent
-    std::optional<Duration> fetch_time_min_{};   ///< of all jobs that were ever here
+    double capacity_ = 0;        ///< of these: work in a second
+    Speed speed_;                ///< of a thread, of all that was ever here
+    std::uint32_t attempts_ = 0; ///< RenderTiles ever sent
+    FetchTimes fetch_times_;
     Instant held_back_until_ = Instant::never(); ///< then some job's tiles are anybody's
     std::vector<PeerId> changed_workers_;        ///< have more room, or other work, than a step ago
 

@@ -202,16 +202,15 @@ public:
     std::string reason;
     std::int32_t priority;
     enum class Probe { wanted, in_flight, over } probe = Probe::over;
+    PeerId prober;            ///< who was last given the probe
     Instant submitted_at;     ///< from then on a time limit counts
     Instant scene_came_on_at; ///< while waiting for it: when it was last asked for or came
     std::optional<Instant> acknowledged_at, over_at;
     bool is_kept = false;       ///< the store has it, or will
     bool is_being_kept = false; ///< and it is acknowledged then
     bool holds_scene = false;   ///< counted in the blob store
-    Instant given_at;           ///< when a worker was last given something of it
-    /// The least that a worker's first tile took beside drawing: to fetch the scene, and to compile
-    /// it.
-    std::optional<Duration> fetch_time;
+    /// Since when a tile is left to those who have the scene.
+    std::optional<Instant> held_since;
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
     [[nodiscard]] Duration render_time() const { return render_time_; }

@@ -56,7 +56,9 @@ struct Limits {
     Duration joined_time_max = std::chrono::milliseconds(500);
     /// So long a tile is left, at most, to those who have its scene: others would be later.
     Duration held_back_max = std::chrono::seconds(1);
-    std::size_t remembered_scenes_max = 16; ///< that a worker has, as far as is known here
+    /// That a worker has, as far as is known here: it keeps eight.
+    std::size_t remembered_scenes_max = 8;
+    std::size_t fetch_times_max = 1'000; ///< scenes of which it is known how long that takes
     /// While workers are idle: how often it is asked whether they could help others out.
     Duration overbook_interval = std::chrono::milliseconds(50);
     std::uint32_t overbooked_parts_max = 16; ///< of one tile

@@ -94,7 +94,7 @@ std::vector<Dispatcher::Idle> Dispatcher::idle_workers() const {
 /// The threads among them that may draw the job's tile, and the fastest of them.
 Dispatcher::Help Dispatcher::help_for(const Late& late, const Job& job,
                                       const std::vector<Idle>& idle, double bearable_s) const {
-    const bool is_time_to_fetch = seconds(fetch_time(job)) < bearable_s;
+    const bool is_time_to_fetch = seconds(fetch_times_.of(job.submission().scene)) < bearable_s;
     const bool can_cut = job.can_cut(job.tile(late.id));
     Help help;
     for (const Idle& one : idle) {

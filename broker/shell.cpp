@@ -3,7 +3,6 @@
 #include "broker/dispatcher.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
-#include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -111,7 +110,8 @@ public:
             }
             serve_upstream();
             step(Tick{});
-            heap_pages_.ask_for_growth(); // all pixels are in it
+            if (options_.heap_pages) // all pixels are in it
+                options_.heap_pages->ask_for_growth();
         }
         if (upstream_)
             upstream_->leave();
@@ -242,7 +242,6 @@ private:
     Dispatcher dispatcher_;
     std::optional<Upstream> upstream_;
     std::vector<Action> actions_;
-    HugeHeapPages heap_pages_;
     bool stopped_by_signal_ = false;
 };
 

@@ -96,7 +96,7 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                          "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
                              std::to_string(wanted));
     }
-    learn_fetch_time(*job, *grant, answer.elapsed);
+    learn_fetch_time(job->submission().scene, *grant, answer.elapsed);
     if (is_probe && is_order(*job))
         return fill_probe(*job, answer);
     if (is_probe)
@@ -169,6 +169,8 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     if (!grant)
         return;
     Job* job = job_of(answer.job);
+    if (job && grant->fetches_scene) // perhaps it has not come to that
+        forget_scene(worker, job->submission().scene);
     if (!job || is_over(job->phase))
         return;
     if (answer.code == FailureCode::scene)

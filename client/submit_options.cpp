@@ -118,7 +118,7 @@ void add_job_options(CLI::App& app, Arguments& a) {
     app.add_option("-p,--priority", o.priority, "Higher goes first")
         ->capture_default_str()
         ->type_name("N");
-    app.add_option("--max-workers", o.wishes.workers_max, "At most so many workers at a time; without it, as many as help")
+    app.add_option("--max-workers", o.wishes.workers_max, "At most so many workers at a time")
         ->default_str("as many as help")
         ->check(CLI::Range(1u, workers_max))
         ->type_name("N");

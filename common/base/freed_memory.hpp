@@ -16,7 +16,7 @@ void keep_freed_memory();
 class HugeHeapPages {
 public:
     HugeHeapPages();
-    /// To be called once in a while: it costs nothing while the heap has not grown.
+    /// To be called once in a while, by that thread: it costs nothing while the heap has not grown.
     void ask_for_growth();
 
 private:

@@ -13,12 +13,11 @@ constexpr Duration drawing = 5ms; // a tile, as Farm::answer says
 /// A farm on which one worker has drawn a picture, whose scene took it so long to fetch. Then eight
 /// others come.
 struct Learnt : Farm {
-    explicit Learnt(Duration fetching, Limits those = {}) : Farm(those) {
-        worker_arrives("a", 1, 1, 2);
+    explicit Learnt(Duration fetching, Limits those = {}, const PeerId& owner = "a") : Farm(those) {
+        worker_arrives(owner, 1, 1, 2);
         submit(1, 6);
-        draw("a", fetching);
-        while (draw("a")) {
-        }
+        draw(owner, fetching);
+        draw_all(owner);
         REQUIRE(state(id_of<JobId>(1)).phase == JobPhase::done);
         for (std::uint8_t i = 2; i <= 9; ++i)
             worker_arrives("b" + std::to_string(i), i, 1, 2);
@@ -35,6 +34,27 @@ struct Learnt : Farm {
         render(peer, tile);
         return true;
     }
+    void draw_all(const PeerId& peer) {
+        while (draw(peer)) {
+        }
+    }
+    void others_have_credit(std::uint32_t credit) {
+        for (int i = 2; i <= 9; ++i)
+            say("b" + std::to_string(i), WorkerBeat{credit, {}, 0});
+    }
+    /// Another scene, drawn by "a" alone in no time.
+    void draw_another_scene(std::uint8_t job) {
+        const Bytes other = to_bytes("scene of job " + std::to_string(job));
+        SubmitJob s = picture(job, 2);
+        s.scene = content_hash(other);
+        s.scene_bytes = other.size();
+        others_have_credit(0);
+        say("client", s);
+        say("client", Chunk{s.scene, 0, other.size(), {make_blob(other)}});
+        draw_all("a");
+        others_have_credit(2);
+        REQUIRE(state(s.job).phase == JobPhase::done);
+    }
     std::size_t tiles_of_others() {
         std::size_t count = 0;
         for (int i = 2; i <= 9; ++i)
@@ -48,8 +68,7 @@ TEST_CASE("what is done before others have fetched the scene is left to those wh
     Learnt farm(900ms);
     const JobId job = farm.submit(2, 4);
     CHECK(farm.state(job).worker_count == 1);
-    while (farm.draw("a")) {
-    }
+    farm.draw_all("a");
     CHECK(farm.tiles_of_others() == 0);
     CHECK(farm.state(job).phase == JobPhase::done);
 }
@@ -79,7 +98,7 @@ TEST_CASE("who has the scene and does not come to it keeps nobody waiting for lo
         farm.pass(held - 10ms);
         CHECK(farm.tiles_of_others() == 0);
         farm.pass(20ms);
-        CHECK(farm.state(job).worker_count == 2);
+        CHECK(farm.state(job).worker_count == 3); // and one each has "b2" and "b3"
         CHECK(farm.tiles_of_others() == 2);
     }
 }
@@ -120,6 +139,10 @@ TEST_CASE("what was asked for in other ways is not limited") {
         s.wishes.schedule = Schedule::equal;
         CHECK(farm.state(farm.submit("client", s)).worker_count == 8);
     }
+    SUBCASE("as much as there is time for") {
+        s.settings.time_limit = 1min;
+        CHECK(farm.state(farm.submit("client", s)).worker_count == 9);
+    }
     SUBCASE("a film, whose frames everybody has to fetch") {
         s.wishes.film = id_of<FilmId>(1);
         s.wishes.frame = 1;
@@ -148,20 +171,95 @@ TEST_CASE("limits: remembered_scenes_max") {
         Limits limits;
         limits.remembered_scenes_max = remembered;
         Learnt farm(900ms, limits);
-        const Bytes other = to_bytes("another scene");
-        SubmitJob s = Farm::picture(2, 2);
-        s.scene = content_hash(other);
-        s.scene_bytes = other.size();
-        farm.say("client", s);
-        farm.say("client", Chunk{s.scene, 0, other.size(), {make_blob(other)}});
-        farm.draw("a", 900ms);
-        farm.draw("a");
+        farm.draw_another_scene(2);
         // "b2" draws the first one, and "a" may help it if it still has it.
         farm.say("a", WorkerBeat{0, {}, 8});
         farm.submit(3, 4);
         CHECK(farm.tiles("b2").size() == 2);
         farm.say("a", WorkerBeat{2, {}, 8});
         CHECK(farm.tiles("a").size() == (remembered == 2 ? 2 : 0));
+    }
+}
+
+TEST_CASE("limits: fetch_times_max") {
+    for (const std::size_t known : {std::size_t{1}, std::size_t{2}}) {
+        Limits limits;
+        limits.fetch_times_max = known;
+        Learnt farm(900ms, limits);
+        farm.draw_another_scene(2);
+        CHECK(farm.state(farm.submit(3, 4)).worker_count == (known == 2 ? 1 : 4));
+    }
+}
+
+TEST_CASE("how long one scene takes tells nothing of another") {
+    Learnt farm(900ms);
+    farm.draw_another_scene(2);
+    CHECK(farm.state(farm.submit(3, 4)).worker_count == 1);
+}
+
+TEST_CASE("who comes back with the scene at hand does not make it look small") {
+    Learnt farm(900ms);
+    farm.say("a", Goodbye{});
+    farm.others_have_credit(0);
+    farm.worker_arrives("a", 1, 1, 2);
+    farm.submit(2, 6);
+    farm.draw_all("a");
+    farm.others_have_credit(2);
+    CHECK(farm.state(farm.submit(3, 4)).worker_count == 1);
+}
+
+TEST_CASE("a fetch that did not come to its end is none") {
+    Learnt farm(900ms);
+    farm.say("a", Goodbye{});
+    const JobId job = farm.submit(2, 2); // "b2" has it
+    auto tiles = farm.tiles("b2");
+    REQUIRE(tiles.size() == 2);
+    farm.say("client", ControlJob{job, JobDeed::cancel});
+    for (const RenderTile& tile : tiles)
+        farm.fail("b2", tile, FailureCode::cancelled);
+    farm.worker_arrives("a2", 10, 1, 2);
+    farm.submit(3, 2);
+    CHECK(farm.tiles("a2").size() == 2); // before "b2", which is as new to it
+}
+
+TEST_CASE("who has the scene is the first to be asked, whatever its name") {
+    SUBCASE("where nobody is at the job") {
+        Learnt farm(900ms, {}, "z");
+        farm.submit(2, 2);
+        CHECK(farm.tiles("z").size() == 2);
+    }
+    SUBCASE("while it is at the probe") {
+        Learnt farm(900ms, {}, "z");
+        SubmitJob s = Farm::picture(2, 1);
+        s.settings.size = {64, 32};
+        s.settings.crop = {0, 0, 64, 32};
+        s.tile_side = 0;
+        farm.submit("client", s);
+        const auto tiles = farm.tiles("z");
+        REQUIRE(tiles.size() == 2);
+        CHECK(tiles[0].probe_side > 0);
+        CHECK(farm.tiles_of_others() == 0);
+    }
+    SUBCASE("where help is wanted") {
+        Learnt farm(900ms);
+        farm.others_have_credit(0);
+        farm.worker_arrives("z", 10, 8, 16);
+        farm.submit(2, 400);
+        for (int i = 0; i < 400; ++i)
+            if (!farm.draw("z"))
+                farm.draw("a");
+        REQUIRE(farm.state(id_of<JobId>(2)).phase == JobPhase::done);
+        farm.others_have_credit(2);
+        farm.draw_all("a");
+        farm.draw_all("z");
+        farm.tiles_of_others();
+        farm.beat("z", 0, {});
+        farm.submit(3, 1);
+        REQUIRE(farm.tiles("a").size() == 1);
+        farm.beat("z", 16, {});
+        farm.pass(200ms);
+        CHECK(farm.tiles("z").size() == 1);
+        CHECK(farm.tiles_of_others() == 0);
     }
 }
 

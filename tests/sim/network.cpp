@@ -116,7 +116,7 @@ void Network::break_line(Process& process) {
 }
 
 void Network::silence(Process& process, Instant until) {
-    process.line.silent_until = until;
+    process.line.silent_until = std::max(process.line.silent_until, until);
     if (until - farm_.now() > connection_patience)
         break_line(process);
 }

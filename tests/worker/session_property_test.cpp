@@ -133,9 +133,10 @@ Message random_message(Rng& rng, const Watch& watch) {
     const auto& scenes = test_scenes();
     const TestScene& scene = scenes[rng.below(scenes.size())];
     const auto tile = static_cast<std::uint32_t>(rng.below(6));
-    const auto attempt =
-        static_cast<std::uint32_t>(watch.last_attempt()) + 1 -
-        static_cast<std::uint32_t>(rng.below(2)); // the next one, or the last again
+    const auto last = static_cast<std::uint32_t>(watch.last_attempt());
+    const auto attempt = rng.below(2) == 0
+                             ? last + 1
+                             : static_cast<std::uint32_t>(1 + rng.below(last + 1)); // or it was
     const std::uint64_t kind = rng.below(100);
     if (kind < 35) {
         RenderTile message = order(scene, tile, attempt);
@@ -156,6 +157,12 @@ Message random_message(Rng& rng, const Watch& watch) {
         chunk.offset_bytes = rng.below(2) * chunk_bytes;
         chunk.total_bytes += rng.below(2);
         return chunk;
+    }
+    if (kind < 65 && !watch.owed().empty()) {
+        auto at = watch.owed().begin();
+        std::advance(at, static_cast<std::ptrdiff_t>(rng.below(watch.owed().size())));
+        const auto& [job, owed, of] = *at;
+        return CancelTile{job, owed, of};
     }
     if (kind < 70)
         return CancelTile{job_id(1), TileIndex{tile}, AttemptNumber{attempt}};
