@@ -13,6 +13,9 @@ namespace {
 // What is left may be so much more than is thought: where only pixels have been counted, and after.
 constexpr double doubt_blank = 8, doubt = 1.25;
 
+constexpr std::size_t added_up_max =
+    64; // workers; more of them are as the farm's are on the average
+
 } // namespace
 
 /// Films are left out, as whoever draws a frame is new to it; pictures with a time limit, for which
@@ -37,10 +40,14 @@ bool Dispatcher::newcomers_help(Job& job) const {
 
 /// Of those who are at it.
 double Dispatcher::capacity_at(const Job& job) const {
+    const auto& workers = job.party().workers();
+    if (workers.size() > added_up_max)
+        return capacity_ * static_cast<double>(workers.size()) /
+               static_cast<double>(std::max<std::size_t>(workers_with_credit_, 1));
     double rays_per_s = 0;
-    for (const auto& [peer, tiles] : job.party().workers())
+    for (const auto& [peer, tiles] : workers)
         rays_per_s += workers_.at(peer).capacity;
-    if (job.probe == Job::Probe::in_flight && !job.party().workers().contains(job.prober))
+    if (job.probe == Job::Probe::in_flight && !workers.contains(job.prober))
         rays_per_s += workers_.at(job.prober).capacity;
     return rays_per_s;
 }
