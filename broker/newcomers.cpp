@@ -13,14 +13,14 @@ namespace {
 // What is left may be so much more than is thought: where only pixels have been counted, and after.
 constexpr double doubt_blank = 8, doubt = 1.25;
 
-constexpr std::size_t added_up_max =
-    64; // workers; more of them are as the farm's are on the average
+// Workers whose speeds are added up; more of them are taken to be as all are on the average.
+constexpr std::size_t added_up_max = 64;
 
 } // namespace
 
 /// Films are left out, as whoever draws a frame is new to it; pictures with a time limit, for which
-/// there is always more to do; the schedules that deal out once for all; and orders, whose number
-/// the broker above has in its hand. So is a job of which something failed, or is late.
+/// there is always more to do; the schedules that deal out once for all; orders, whose number the
+/// broker above has in its hand; and jobs of which something has failed or was late.
 bool Dispatcher::newcomers_help(Job& job) const {
     const SubmitJob& s = job.submission();
     if (job.party().is_film() || is_order(job) || s.settings.limited_in_time() ||
@@ -47,8 +47,10 @@ double Dispatcher::capacity_at(const Job& job) const {
     double rays_per_s = 0;
     for (const auto& [peer, tiles] : workers)
         rays_per_s += workers_.at(peer).capacity;
-    if (job.probe == Job::Probe::in_flight && !workers.contains(job.prober))
-        rays_per_s += workers_.at(job.prober).capacity;
+    const auto prober = workers_.find(job.prober);
+    if (job.probe == Job::Probe::in_flight && prober != workers_.end() &&
+        !workers.contains(job.prober))
+        rays_per_s += prober->second.capacity;
     return rays_per_s;
 }
 
