@@ -208,6 +208,7 @@ private:
     [[nodiscard]] double capacity_at(const Job& job) const;
     [[nodiscard]] Duration head_start(const Job& job) const;
     void hold_back(Job& job);
+    [[nodiscard]] bool is_held_back(const Job& job) const;
     void release_held_back();
     [[nodiscard]] static bool has_scene(const WorkerSession& worker, const ContentHash& scene);
     [[nodiscard]] bool note_scene(WorkerSession& worker, const ContentHash& scene) const;

@@ -35,7 +35,7 @@ bool Dispatcher::newcomers_help(Job& job) const {
         job.held_since.reset();
         return true;
     }
-    return job.held_since && now_ - *job.held_since >= start; // it was thought to be over by now
+    return job.held_since && !is_held_back(job); // it was thought to be over by now
 }
 
 /// Of those who are at it.
@@ -66,6 +66,10 @@ void Dispatcher::hold_back(Job& job) {
     if (!job.held_since)
         job.held_since = now_;
     held_back_until_ = std::min(held_back_until_, *job.held_since + head_start(job));
+}
+
+bool Dispatcher::is_held_back(const Job& job) const {
+    return job.held_since && now_ - *job.held_since < head_start(job);
 }
 
 void Dispatcher::release_held_back() {
