@@ -227,8 +227,6 @@ int main(int argc, char** argv) {
     const auto logger = spdlog::stderr_color_mt("fraja-broker");
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));
-    HugeHeapPages heap_pages;
-    options.heap_pages = &heap_pages;
     options.signals = &signals;
     options.on_log = [&](broker::LogLevel level, const std::string& text) {
         logger->log(to_spdlog(level), "{}", text);

@@ -110,8 +110,6 @@ public:
             }
             serve_upstream();
             step(Tick{});
-            if (options_.heap_pages) // all pixels are in it
-                options_.heap_pages->ask_for_growth();
         }
         if (upstream_)
             upstream_->leave();

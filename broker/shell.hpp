@@ -5,7 +5,6 @@
 #include "broker/events.hpp"
 #include "broker/limits.hpp"
 #include "broker/upstream.hpp"
-#include "common/base/freed_memory.hpp"
 #include "common/base/result.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
@@ -48,7 +47,6 @@ struct Options {
     /// Called once, when both sockets are bound, with their real endpoints.
     std::function<void(const std::string& bound, const std::string& stream)> on_listening;
     std::function<void(LogLevel, const std::string&)> on_log;
-    HugeHeapPages* heap_pages = nullptr; ///< of whoever runs it in the main thread
     const net::SignalWatch* signals =
         nullptr; ///< INT and TERM stop it, USR1 dumps the state to the log
 };

@@ -47,8 +47,6 @@ void run_broker_while(const std::filesystem::path& state, Use use) {
     options.bind = options.publish = "tcp://127.0.0.1:0";
     options.state = state;
     options.limits.heartbeat = 1min; // the workers do not beat
-    HugeHeapPages heap_pages;
-    options.heap_pages = &heap_pages;
     options.on_listening = [&](const std::string& endpoint, const std::string& stream) {
         user = std::jthread([&control, use, endpoint, stream] {
             use(endpoint, stream);
