@@ -21,14 +21,14 @@ namespace {
 
 // A message that goes by inproc is handed from thread to thread by libzmq, which Debian builds
 // without the thread sanitizer: so it is told where a message is given away and where it is taken.
-void gives_away([[maybe_unused]] zmq::message_t& frame) {
+void gives_away([[maybe_unused]] void* data) {
 #ifdef __SANITIZE_THREAD__
-    __tsan_release(frame.data());
+    __tsan_release(data);
 #endif
 }
-void takes([[maybe_unused]] zmq::message_t& frame) {
+void takes([[maybe_unused]] void* data) {
 #ifdef __SANITIZE_THREAD__
-    __tsan_acquire(frame.data());
+    __tsan_acquire(data);
 #endif
 }
 
@@ -47,7 +47,8 @@ constexpr int router_queue_max =
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
-constexpr std::size_t callers_max = 1'000; // that wait for their turn
+constexpr std::size_t callers_max = 1'000;      // that wait for their turn
+constexpr std::size_t shared_bytes_min = 4'096; // of a blob; less is copied
 constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
 constexpr auto transport_beat = 2s;         // of whoever connects
@@ -99,7 +100,7 @@ bool take(zmq::socket_t& socket, zmq::message_t& frame) {
     try {
         if (!socket.recv(frame, zmq::recv_flags::dontwait))
             return false;
-        takes(frame);
+        takes(frame.data());
         return true;
     } catch (const zmq::error_t& e) {
         if (e.num() == EINTR)
@@ -132,13 +133,15 @@ Frames take_rest(zmq::socket_t& socket, bool more) {
 
 enum class FrameStatus { sent, unreachable, full };
 
-FrameStatus send_frame(zmq::socket_t& socket, const void* data, std::size_t size, bool more) {
+/// `make()` is the frame, and is called again if a signal interrupts.
+template <class Make>
+FrameStatus send_frame(zmq::socket_t& socket, Make make, bool more) {
     const auto flags =
         zmq::send_flags::dontwait | (more ? zmq::send_flags::sndmore : zmq::send_flags::none);
     for (;;) {
         try {
-            zmq::message_t frame(data, size);
-            gives_away(frame);
+            zmq::message_t frame = make();
+            gives_away(frame.data());
             return socket.send(frame, flags) ? FrameStatus::sent : FrameStatus::full;
         } catch (const zmq::error_t& e) {
             if (e.num() == EHOSTUNREACH)
@@ -149,13 +152,42 @@ FrameStatus send_frame(zmq::socket_t& socket, const void* data, std::size_t size
     }
 }
 
+FrameStatus send_copy(zmq::socket_t& socket, const void* data, std::size_t size, bool more) {
+    return send_frame(
+        socket, [&] { return zmq::message_t(data, size); }, more);
+}
+
+/// libzmq has sent it, or gives it up; in a thread of its own.
+void let_go(void*, void* kept) {
+    takes(kept);
+    delete static_cast<Blob*>(kept);
+}
+
+/// What is large is not copied: it stays as long as libzmq needs it.
+FrameStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
+    if (blob->size() < shared_bytes_min)
+        return send_copy(socket, blob->data(), blob->size(), more);
+    return send_frame(
+        socket,
+        [&] {
+            auto kept = std::make_unique<Blob>(blob);
+            gives_away(kept.get());
+            // libzmq takes a pointer to what may be changed, and changes nothing.
+            zmq::message_t frame(const_cast<std::byte*>(blob->data()), blob->size(), let_go,
+                                 kept.get());
+            (void)kept.release();
+            return frame;
+        },
+        more);
+}
+
 /// Header, body and blobs. Only the first frame of a message can be refused; the rest then follows
 /// it. (After a refused routing id a body sent alone would be swallowed in silence: hence the early
 /// return.)
 SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> envelope,
                        const protocol::Packet& packet) {
     if (envelope) {
-        switch (send_frame(socket, envelope->data(), envelope->size(), true)) {
+        switch (send_copy(socket, envelope->data(), envelope->size(), true)) {
         case FrameStatus::sent:
             break;
         case FrameStatus::unreachable:
@@ -164,15 +196,15 @@ SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> en
             return SendStatus::full;
         }
     }
-    const auto first = send_frame(socket, packet.header.data(), packet.header.size(), true);
+    const auto first = send_copy(socket, packet.header.data(), packet.header.size(), true);
     if (first != FrameStatus::sent)
         return first == FrameStatus::full ? SendStatus::full : SendStatus::unreachable;
-    bool whole = send_frame(socket, packet.body.data(), packet.body.size(),
-                            !packet.blobs.empty()) == FrameStatus::sent;
+    bool whole = send_copy(socket, packet.body.data(), packet.body.size(), !packet.blobs.empty()) ==
+                 FrameStatus::sent;
     for (std::size_t i = 0; i < packet.blobs.size(); ++i)
-        whole = send_frame(socket, packet.blobs[i]->data(), packet.blobs[i]->size(),
-                           i + 1 < packet.blobs.size()) == FrameStatus::sent &&
-                whole;
+        whole =
+            send_blob(socket, packet.blobs[i], i + 1 < packet.blobs.size()) == FrameStatus::sent &&
+            whole;
     // A connection that ends between two frames of a message takes the whole message with it.
     return whole ? SendStatus::sent : SendStatus::unreachable;
 }
@@ -362,9 +394,9 @@ void CalleeSocket::note_call(PeerId peer) {
 }
 
 bool CalleeSocket::is_there(const PeerId& peer) {
-    const auto status = send_frame(impl_->socket, peer.data(), peer.size(), true);
+    const auto status = send_copy(impl_->socket, peer.data(), peer.size(), true);
     if (status == FrameStatus::sent)
-        (void)send_frame(impl_->socket, nullptr, 0, false);
+        (void)send_copy(impl_->socket, nullptr, 0, false);
     return status != FrameStatus::unreachable;
 }
 
