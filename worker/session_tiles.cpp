@@ -118,7 +118,8 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         turn.log(LogLevel::debug, name_of(message) + " came without a session");
         return;
     }
-    if (came_before) { // it is here, or was answered
+    // It is here, or was answered. (Of a broker whose count leaps, what is here may come later.)
+    if (came_before || find_tile(message.job, message.tile, message.attempt) != tiles_.end()) {
         count_oddity(turn, name_of(message) + " came twice");
         return;
     }

@@ -433,6 +433,16 @@ TEST_CASE("an order that comes twice is answered once, and counts once") {
     }
 }
 
+TEST_CASE("what is at hand is not taken once more, wherever a broker's count leaps") {
+    Ready driver;
+    const Ticket ticket =
+        of_type<StartTile>(driver.receive(order(driver.scene, 4, 256))).at(0).ticket;
+    (void)driver.receive(order(driver.scene, 5, 3'419'130'827));
+    CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 4, 256))).empty());
+    CHECK(sent<TileRendered>(driver.step(TileFinished{ticket, {}, {}, {}})).size() == 1);
+    CHECK(sent<WorkerBeat>(driver.pass(1s)).at(0).in_flight.size() == 1);
+}
+
 TEST_CASE("a broker's count of RenderTiles may come round") {
     Ready driver;
     CHECK(of_type<StartTile>(driver.receive(order(driver.scene, 4, 1u << 31))).size() == 1);
