@@ -82,10 +82,10 @@ void Dispatcher::offer_to_changed_workers() {
         const auto worker = workers_.find(peer);
         if (worker != workers_.end() && worker->second.load)
             ready_.unblock_if([&](const ReadyJobs::Group& group) {
+                if (!suits(worker->second, peer, *group.party))
+                    return false;
                 const Job& first = jobs_.at(group.places.begin()->job);
-                return suits(worker->second, peer, *group.party) &&
-                       (!is_held_back(first) ||
-                        has_scene(worker->second, first.submission().scene));
+                return !is_held_back(first) || has_scene(worker->second, first.submission().scene);
             });
     }
 }

@@ -116,15 +116,7 @@ TEST_CASE("where very many are at it the farm's mean speed is theirs") {
     for (const std::size_t count : {std::size_t{60}, std::size_t{90}}) {
         Learnt farm(900ms);
         for (std::size_t i = 0; i < count; ++i)
-            farm.say("w" + std::to_string(i), WorkerHello{.worker = random_id<WorkerId>(),
-                                                          .incarnation = 1,
-                                                          .worker_name = "w",
-                                                          .threads = 1,
-                                                          .credit = 1,
-                                                          .speed_rays_per_s = 0,
-                                                          .memory_bytes = 0,
-                                                          .tags = {},
-                                                          .program_version = "test"});
+            farm.worker_arrives("w" + std::to_string(i), static_cast<std::uint8_t>(10 + i), 1, 1);
         // In 905 ms, when somebody else would have drawn a tile, 71 are through with eight times
         // the pixels, which that may be.
         const std::size_t enough = 71;
