@@ -37,14 +37,14 @@ void BlobStore::release(const ContentHash& hash) {
 
 void BlobStore::restore(const ContentHash& hash, Blob bytes) {
     Entry& entry = entries_.at(hash);
-    FRAJA_ASSERT(bytes->size() == entry.total_bytes);
+    FRAJA_ASSERT(bytes.size() == entry.total_bytes);
     entry.data.clear();
     entry.whole = std::move(bytes);
 }
 
-Blob BlobStore::whole(const ContentHash& hash) const {
+std::optional<Blob> BlobStore::whole(const ContentHash& hash) const {
     const auto found = entries_.find(hash);
-    return found == entries_.end() ? nullptr : found->second.whole;
+    return found == entries_.end() ? std::nullopt : found->second.whole;
 }
 
 std::uint64_t BlobStore::wanted_offset(const ContentHash& hash) const {
@@ -57,7 +57,7 @@ BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
     if (found == entries_.end() || found->second.whole)
         return Arrival::ignored;
     Entry& entry = found->second;
-    const Bytes& bytes = *chunk.blobs.front();
+    const Blob& bytes = chunk.blobs.front();
     const std::uint64_t rest = entry.total_bytes - entry.data.size();
     if (chunk.offset_bytes != entry.data.size() || chunk.total_bytes != entry.total_bytes ||
         bytes.size() != std::min<std::uint64_t>(protocol::chunk_bytes, rest))
@@ -69,23 +69,20 @@ BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
         entry.data.clear();
         return Arrival::wrong_hash;
     }
-    entry.whole = make_blob(std::exchange(entry.data, {}));
+    entry.whole = Blob(std::exchange(entry.data, {}));
     return Arrival::complete;
 }
 
 std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
                                                 std::uint64_t offset_bytes) const {
-    const Blob blob = whole(hash);
-    if (!blob)
+    const auto data = whole(hash);
+    if (!data || offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data->size())
         return std::nullopt;
-    const Bytes& data = *blob;
-    if (offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data.size())
-        return std::nullopt;
-    const auto begin = data.begin() + static_cast<std::ptrdiff_t>(offset_bytes);
-    const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data.size() - offset_bytes);
+    const auto begin = data->begin() + static_cast<std::ptrdiff_t>(offset_bytes);
+    const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data->size() - offset_bytes);
     protocol::Chunk chunk{
-        .blob = hash, .offset_bytes = offset_bytes, .total_bytes = data.size(), .blobs = {}};
-    chunk.blobs.push_back(make_blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
+        .blob = hash, .offset_bytes = offset_bytes, .total_bytes = data->size(), .blobs = {}};
+    chunk.blobs.push_back(Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
     return chunk;
 }
 

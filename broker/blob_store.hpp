@@ -24,9 +24,9 @@ public:
     /// Gives a blob that was kept elsewhere, and has been acquired, its bytes, which must be right.
     void restore(const ContentHash& hash, Blob bytes);
 
-    [[nodiscard]] bool complete(const ContentHash& hash) const { return whole(hash) != nullptr; }
-    /// Null until it is complete.
-    [[nodiscard]] Blob whole(const ContentHash& hash) const;
+    [[nodiscard]] bool complete(const ContentHash& hash) const { return whole(hash).has_value(); }
+    /// Nothing until it is complete.
+    [[nodiscard]] std::optional<Blob> whole(const ContentHash& hash) const;
     /// The first byte that is still to come.
     [[nodiscard]] std::uint64_t wanted_offset(const ContentHash& hash) const;
 
@@ -45,8 +45,8 @@ private:
     struct Entry {
         std::uint64_t total_bytes = 0;
         std::uint32_t users = 0;
-        Bytes data; ///< as far as it has arrived
-        Blob whole; ///< then this instead
+        Bytes data;                ///< as far as it has arrived
+        std::optional<Blob> whole; ///< then this instead
     };
     std::map<ContentHash, Entry> entries_;
     std::uint64_t bytes_max_;

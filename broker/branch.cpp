@@ -31,16 +31,14 @@ ErrorCode code_of(protocol::FailureCode code) {
 
 /// It is compiled where it is drawn.
 void Branch::perform(SessionIndex, worker::CompileScene action) {
-    Bytes text;
-    for (const Blob& chunk : action.chunks)
-        text.insert(text.end(), chunk->begin(), chunk->end());
+    Blob text = joined(action.chunks);
     if (protocol::content_hash(text) != action.scene)
         return results_.push_back(
             {only_session, worker::SceneFailed{
                                action.scene,
                                {ErrorCode::malformed_frame,
                                 "the scene's bytes do not have the hash they were asked for by"}}});
-    scenes_[action.scene] = make_blob(std::move(text));
+    scenes_[action.scene] = std::move(text);
     results_.push_back({only_session, worker::SceneCompiled{action.scene}});
 }
 

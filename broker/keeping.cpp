@@ -24,7 +24,7 @@ void Dispatcher::keep_job(Job& job) {
         return acknowledge(job);
     const SubmitJob& s = job.submission();
     job.is_kept = job.is_being_kept = true;
-    persist(PutBlob{s.scene, {blobs_.whole(s.scene)}}, {.job = job.id()});
+    persist(PutBlob{s.scene, {*blobs_.whole(s.scene)}}, {.job = job.id()});
     persist(PutJob{s, job.number(), job.passes()}, {.job = job.id(), .acknowledges = true});
 }
 
@@ -128,7 +128,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");
     job.holds_scene = true;
     if (!blobs_.complete(scene->first))
-        blobs_.restore(scene->first, make_blob(scene->second));
+        blobs_.restore(scene->first, Blob(scene->second));
     if (job.all_done())
         return end_job(job, JobPhase::done, "");
     look_ready(job);
@@ -143,7 +143,7 @@ void Dispatcher::on(const SceneLoaded& event) {
         blobs_.acquire(scene, event.scene->size())) {
         job->holds_scene = true;
         if (!blobs_.complete(scene))
-            blobs_.restore(scene, make_blob(*event.scene));
+            blobs_.restore(scene, Blob(*event.scene));
     }
     if (const auto refused = retry(*job))
         return send(event.peer, *refused);

@@ -19,7 +19,7 @@ constexpr std::uint32_t pass_tile_side = 8; // so that many workers may share a 
 
 void Dispatcher::on(const Ordered& event) {
     const Order& order = event.order;
-    const auto acquired = blobs_.acquire(order.scene, order.scene_text->size());
+    const auto acquired = blobs_.acquire(order.scene, order.scene_text.size());
     if (!acquired)
         return actions_->push_back(
             OrderFailed{order.id, FailureCode::machine, acquired.error().message});
@@ -29,7 +29,7 @@ void Dispatcher::on(const Ordered& event) {
     SubmitJob submission{.job = order.id,
                          .job_name = "an order",
                          .scene = order.scene,
-                         .scene_bytes = order.scene_text->size(),
+                         .scene_bytes = order.scene_text.size(),
                          .settings = order.settings,
                          .wishes = {}};
     submission.settings.crop = order.rect;

@@ -14,31 +14,14 @@ namespace {
 
 constexpr std::uint64_t write_overhead_bytes = 512; // of what has no pixels, and of those that have
 
-std::uint64_t total_bytes(const std::vector<Blob>& blobs) {
-    std::uint64_t sum = 0;
-    for (const Blob& blob : blobs)
-        sum += blob->size();
-    return sum;
-}
-
 std::uint64_t payload_bytes(const PutBlob& blob) {
-    return total_bytes(blob.pieces);
+    return byte_count(blob.pieces);
 }
 std::uint64_t payload_bytes(const PutTile& tile) {
-    return total_bytes(tile.tile->blobs);
+    return byte_count(tile.tile->blobs);
 }
 std::uint64_t payload_bytes(const auto&) {
     return 0;
-}
-
-/// The bytes of all blobs in one: of a single blob its own, else those that `joined` then holds.
-std::span<const std::byte> joined_bytes(const std::vector<Blob>& blobs, Bytes& joined) {
-    if (blobs.size() == 1)
-        return *blobs.front();
-    joined.reserve(total_bytes(blobs));
-    for (const Blob& blob : blobs)
-        joined.insert(joined.end(), blob->begin(), blob->end());
-    return joined;
 }
 
 } // namespace
@@ -170,7 +153,7 @@ Result<void> Store::put(const PutBlob& blob) {
         if (*known)
             return {};
     }
-    const auto size = static_cast<std::int64_t>(total_bytes(blob.pieces));
+    const auto size = static_cast<std::int64_t>(byte_count(blob.pieces));
     if (const auto done = put_blob_.run(key_of(blob.hash), size); !done)
         return done;
     return put_pieces(database_.last_row_id(), blob.pieces);
@@ -179,7 +162,7 @@ Result<void> Store::put(const PutBlob& blob) {
 Result<void> Store::put_pieces(std::int64_t blob, const std::vector<Blob>& pieces) {
     std::int64_t count = 0;
     for (const Blob& piece : pieces)
-        for (std::span<const std::byte> rest(*piece); !rest.empty(); ++count) {
+        for (std::span<const std::byte> rest(piece); !rest.empty(); ++count) {
             const auto bytes = rest.first(std::min(rest.size(), protocol::chunk_bytes));
             if (const auto done = put_piece_.run(blob, count, bytes); !done)
                 return done;
@@ -217,8 +200,7 @@ Result<void> Store::put(const PutTile& put) {
         if (!*is_new)
             return {};
     }
-    Bytes joined;
-    const auto pixels = joined_bytes(tile.blobs, joined);
+    const Blob pixels = joined(tile.blobs);
     if (const auto done = put_pixels_.run(pixels); !done)
         return done;
     const Bytes body = protocol::encode(tile).body;

@@ -47,7 +47,7 @@ std::vector<Blob> cut(std::span<const std::byte> bytes) {
     std::vector<Blob> blobs;
     do { // a message's pixels are one blob at least
         const auto piece = bytes.first(std::min(bytes.size(), protocol::chunk_bytes));
-        blobs.push_back(make_blob(Bytes(piece.begin(), piece.end())));
+        blobs.push_back(Blob(Bytes(piece.begin(), piece.end())));
         bytes = bytes.subspan(piece.size());
     } while (!bytes.empty());
     return blobs;

@@ -1,10 +1,10 @@
 // Dispatcher: what becomes of the tiles that were given out.
 #include "broker/dispatcher.hpp"
 
+#include "common/protocol/pixels.hpp"
 #include "common/protocol/topics.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 namespace fraja::broker {
@@ -19,30 +19,6 @@ std::string described(const Job& job, const Tile& tile) {
            std::to_string(static_cast<std::uint32_t>(job.index(tile))) + " (" +
            std::to_string(r.x) + "," + std::to_string(r.y) + " " + std::to_string(r.width) + "x" +
            std::to_string(r.height) + ")";
-}
-
-std::uint64_t byte_count(const std::vector<Blob>& blobs) {
-    std::uint64_t bytes = 0;
-    for (const Blob& blob : blobs)
-        bytes += blob->size();
-    return bytes;
-}
-
-std::vector<float> floats_of(const std::vector<Blob>& blobs) {
-    std::vector<float> floats;
-    std::uint32_t bits = 0;
-    unsigned shift = 0;
-    for (const Blob& blob : blobs)
-        for (const std::byte byte : *blob) {
-            bits |= std::to_integer<std::uint32_t>(byte) << shift;
-            shift += 8;
-            if (shift == 32) {
-                floats.push_back(std::bit_cast<float>(bits));
-                bits = 0;
-                shift = 0;
-            }
-        }
-    return floats;
 }
 
 } // namespace

@@ -40,8 +40,8 @@ Result<FilmScenes::Text> FilmScenes::frame(std::uint32_t number) const {
         return Error{ErrorCode::limit_exceeded,
                      "frame " + std::to_string(number) + ": a scene has at most " +
                          std::to_string(protocol::scene_bytes_max) + " bytes"};
-    Text text{.text = make_blob(std::move(bytes)), .hash = {}};
-    text.hash = protocol::content_hash(*text.text);
+    Text text{.text = Blob(std::move(bytes)), .hash = {}};
+    text.hash = protocol::content_hash(text.text);
     return text;
 }
 

@@ -224,10 +224,9 @@ std::optional<protocol::CellRect> Follower::cells(const protocol::TileDone& tile
     if (!found ||
         tile.pass * grid_.count() + grid_.index(*found) != static_cast<std::uint32_t>(tile.tile))
         return std::nullopt;
-    std::uint64_t bytes = 0;
-    for (const Blob& blob : tile.blobs)
-        bytes += blob->size();
-    return bytes == state_.settings.pixel_bytes() * tile.rect.pixel_count() ? found : std::nullopt;
+    return byte_count(tile.blobs) == state_.settings.pixel_bytes() * tile.rect.pixel_count()
+               ? found
+               : std::nullopt;
 }
 
 void Follower::take(Instant now, const protocol::JobState& state, bool digest,

@@ -5,9 +5,9 @@
 #include "common/image/quantise.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/passes.hpp"
+#include "common/protocol/pixels.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <fmt/core.h>
@@ -21,28 +21,10 @@ using namespace std::chrono_literals;
 
 constexpr Duration rewrite_pause = 500ms;
 
-static_assert(std::endian::native == std::endian::little, "pixels travel little-endian");
-
-/// The floats of a tile: its blobs one after the other. A float may be cut in two.
-std::vector<float> floats_of(const std::vector<Blob>& blobs, std::size_t float_count) {
-    std::vector<float> floats(float_count);
-    auto* to = reinterpret_cast<std::byte*>(floats.data());
-    std::size_t left = float_count * sizeof(float);
-    for (const Blob& blob : blobs) {
-        FRAJA_ASSERT(blob->size() <= left);
-        if (!blob->empty())
-            std::memcpy(to, blob->data(), blob->size());
-        to += blob->size();
-        left -= blob->size();
-    }
-    FRAJA_ASSERT(left == 0);
-    return floats;
-}
-
 Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& settings) {
     const std::size_t pixels = done.rect.pixel_count();
-    const std::vector<float> floats =
-        floats_of(done.blobs, pixels * settings.pixel_bytes() / sizeof(float));
+    const std::vector<float> floats = protocol::floats_of(done.blobs);
+    FRAJA_ASSERT(floats.size() * sizeof(float) == pixels * settings.pixel_bytes());
     auto from = floats.begin();
     const auto next = [&](std::size_t count) {
         const auto begin = from;

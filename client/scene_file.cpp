@@ -43,11 +43,11 @@ Result<SceneFile> read_scene_file(const std::filesystem::path& path) {
     if (!bytes)
         return bytes.error();
     SceneFile file;
-    file.text = make_blob(*std::move(bytes));
-    if (const auto scene = read_raj(as_text(*file.text), path.string(), limits, &file.warnings);
+    file.text = Blob(*std::move(bytes));
+    if (const auto scene = read_raj(as_text(file.text), path.string(), limits, &file.warnings);
         !scene)
         return scene.error();
-    file.hash = protocol::content_hash(*file.text);
+    file.hash = protocol::content_hash(file.text);
     return file;
 }
 

@@ -17,7 +17,7 @@ constexpr Duration least_time_limit = 1ms; // where getting so far has used up a
 
 Submission::Submission(SubmissionRequest request, Rng rng)
     : request_(std::move(request)), rng_(rng), session_(request_.session) {
-    FRAJA_ASSERT(request_.scene_text && request_.scene_text->size() == request_.job.scene_bytes);
+    FRAJA_ASSERT(request_.scene_text.size() == request_.job.scene_bytes);
 }
 
 void Submission::start(Instant now, std::vector<Action>& actions) {
@@ -102,7 +102,7 @@ void Submission::take(Instant now, const protocol::JobState& state, std::vector<
 }
 
 void Submission::take(Instant now, const protocol::NeedChunk& need, std::vector<Action>& actions) {
-    const Bytes& text = *request_.scene_text;
+    const Blob& text = request_.scene_text;
     if (need.blob != request_.job.scene || need.offset_bytes % protocol::chunk_bytes != 0 ||
         (need.offset_bytes >= text.size() && need.offset_bytes != 0)) {
         actions.push_back(Send{protocol::Refused{protocol::RefusalCode::invalid, request_.job.job,
@@ -113,11 +113,11 @@ void Submission::take(Instant now, const protocol::NeedChunk& need, std::vector<
     const auto begin = text.begin() + static_cast<std::ptrdiff_t>(need.offset_bytes);
     const auto size =
         std::min<std::uint64_t>(protocol::chunk_bytes, text.size() - need.offset_bytes);
-    actions.push_back(Send{
-        protocol::Chunk{need.blob,
-                        need.offset_bytes,
-                        text.size(),
-                        {make_blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size)))}}});
+    actions.push_back(
+        Send{protocol::Chunk{need.blob,
+                             need.offset_bytes,
+                             text.size(),
+                             {Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size)))}}});
 }
 
 void Submission::take(const protocol::Refused& refused, std::vector<Action>& actions) {

@@ -169,7 +169,7 @@ private:
 
     void print_plan() const {
         const protocol::PictureSettings& s = options_.settings;
-        fmt::print("scene     {} ({} bytes, {})\n", options_.scene_file, scene_.text->size(),
+        fmt::print("scene     {} ({} bytes, {})\n", options_.scene_file, scene_.text.size(),
                    fraja::to_string(scene_.hash));
         fmt::print("picture   {}x{}", s.size.width, s.size.height);
         if (s.crop.pixel_count() != s.size.pixel_count())
@@ -189,7 +189,7 @@ private:
         SubmissionRequest request{.job = {.job = random_id<JobId>(),
                                           .job_name = options_.job_name,
                                           .scene = scene_.hash,
-                                          .scene_bytes = scene_.text->size(),
+                                          .scene_bytes = scene_.text.size(),
                                           .settings = options_.settings,
                                           .tile_side = options_.tile_side,
                                           .order = options_.order,

@@ -242,7 +242,7 @@ private:
                         options_.job_name.substr(0, protocol::name_bytes_max - number.size()) +
                         number,
                     .scene = scene->hash,
-                    .scene_bytes = scene->text->size(),
+                    .scene_bytes = scene->text.size(),
                     .settings = options_.settings,
                     .tile_side = options_.tile_side,
                     .order = options_.order,

@@ -61,19 +61,8 @@ protocol::Rays rays_of(const RayCounts& r) {
             .truncated_pixels = r.truncated_pixels};
 }
 
-Bytes joined(const std::vector<Blob>& chunks) {
-    std::size_t size = 0;
-    for (const Blob& chunk : chunks)
-        size += chunk->size();
-    Bytes whole;
-    whole.reserve(size);
-    for (const Blob& chunk : chunks)
-        whole.insert(whole.end(), chunk->begin(), chunk->end());
-    return whole;
-}
-
 Result<std::shared_ptr<const Scene>> read_scene(std::vector<Blob> chunks, const ContentHash& hash) {
-    const Bytes text = joined(chunks);
+    const Blob text = joined(chunks);
     chunks.clear(); // a large scene need not be here twice
     if (protocol::content_hash(text) != hash)
         return Error{ErrorCode::malformed_frame,
@@ -138,10 +127,10 @@ std::vector<Blob> pixel_blobs(const Tile& tile) {
             for (unsigned b = 0; b < 4; ++b)
                 bytes.push_back(byte_of(bits, b));
             if (bytes.size() == protocol::chunk_bytes)
-                blobs.push_back(make_blob(std::exchange(bytes, {})));
+                blobs.push_back(Blob(std::exchange(bytes, {})));
         }
     if (!bytes.empty())
-        blobs.push_back(make_blob(std::move(bytes)));
+        blobs.push_back(Blob(std::move(bytes)));
     return blobs;
 }
 

@@ -84,7 +84,7 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
         turn.log(LogLevel::debug, "a chunk that is not waited for, of " + short_name(message.blob));
         return;
     }
-    const std::uint64_t chunk_bytes = message.blobs[0]->size();
+    const std::uint64_t chunk_bytes = message.blobs[0].size();
     const std::uint64_t rest_bytes = scene->total_bytes - scene->fetched_bytes;
     if (message.total_bytes != scene->total_bytes ||
         chunk_bytes != std::min<std::uint64_t>(rest_bytes, protocol::chunk_bytes)) {

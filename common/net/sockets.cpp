@@ -49,6 +49,8 @@ constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
 constexpr std::size_t callers_max = 1'000;      // that wait for their turn
 constexpr std::size_t shared_bytes_min = 4'096; // of a blob; less is copied
+/// libzmq's own: smaller frames may lie in one with others, and would keep all of it.
+constexpr std::size_t receive_buffer_bytes = 8'192;
 constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
 constexpr auto transport_beat = 2s;         // of whoever connects
@@ -109,9 +111,18 @@ bool take(zmq::socket_t& socket, zmq::message_t& frame) {
     }
 }
 
-Bytes bytes_of(const zmq::message_t& frame) {
-    const auto* begin = static_cast<const std::byte*>(frame.data());
-    return Bytes(begin, begin + frame.size());
+std::span<const std::byte> bytes_of(const zmq::message_t& frame) {
+    return {static_cast<const std::byte*>(frame.data()), frame.size()};
+}
+
+/// What is large is not copied: it stays where libzmq has received it.
+Blob blob_of(zmq::message_t frame) {
+    if (frame.size() <= receive_buffer_bytes) {
+        const auto bytes = bytes_of(frame);
+        return Blob(Bytes(bytes.begin(), bytes.end()));
+    }
+    const auto owner = std::make_shared<const zmq::message_t>(std::move(frame));
+    return {owner, bytes_of(*owner)};
 }
 
 /// The frames that follow `last`, to the end of its message. libzmq bounds the size of a frame, not
@@ -126,7 +137,7 @@ Frames take_rest(zmq::socket_t& socket, bool more) {
             continue;
         more = frame.more();
         if (frames.size() <= protocol::message_frames_max)
-            frames.push_back(make_blob(bytes_of(frame)));
+            frames.push_back(blob_of(std::move(frame)));
     }
     return frames;
 }
@@ -165,15 +176,15 @@ void let_go(void*, void* kept) {
 
 /// What is large is not copied: it stays as long as libzmq needs it.
 FrameStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
-    if (blob->size() < shared_bytes_min)
-        return send_copy(socket, blob->data(), blob->size(), more);
+    if (blob.size() < shared_bytes_min)
+        return send_copy(socket, blob.data(), blob.size(), more);
     return send_frame(
         socket,
         [&] {
             auto kept = std::make_unique<Blob>(blob);
             gives_away(kept.get());
             // libzmq takes a pointer to what may be changed, and changes nothing.
-            zmq::message_t frame(const_cast<std::byte*>(blob->data()), blob->size(), let_go,
+            zmq::message_t frame(const_cast<std::byte*>(blob.data()), blob.size(), let_go,
                                  kept.get());
             (void)kept.release();
             return frame;
@@ -212,7 +223,7 @@ SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> en
 /// A message of one empty frame: all that a connection says of itself when it has been made
 /// (PROBE_ROUTER), and that is sent to see whether a peer is there. It has nothing to tell.
 bool is_probe(const Frames& frames) {
-    return frames.size() == 1 && frames.front()->empty();
+    return frames.size() == 1 && frames.front().empty();
 }
 
 void set_linger_of(zmq::socket_t& socket, Duration linger) {
@@ -433,8 +444,9 @@ std::optional<Frames> DealerSocket::receive() {
     // A broker that calls workers greets whoever connects to it in the same way, once.
     if (first.size() == 0 && !first.more() && !take(impl_->socket, first))
         return std::nullopt;
-    Frames frames{make_blob(bytes_of(first))};
-    for (Blob& frame : take_rest(impl_->socket, first.more()))
+    const bool more = first.more();
+    Frames frames{blob_of(std::move(first))};
+    for (Blob& frame : take_rest(impl_->socket, more))
         frames.push_back(std::move(frame));
     return frames;
 }

@@ -227,7 +227,7 @@ Result<M> read_body(std::span<const std::byte> body, MissingFields missing) {
 
 template <class M>
 Result<Message> decode_as(std::span<const Blob> frames) {
-    auto message = read_body<M>(*frames[1], MissingFields::refused);
+    auto message = read_body<M>(frames[1], MissingFields::refused);
     if (!message)
         return message.error();
     const auto blobs = frames.subspan(2);
@@ -283,7 +283,7 @@ Packet encode(const Message& message) {
             if constexpr (CarriesBlobs<std::decay_t<decltype(m)>>) {
                 FRAJA_ASSERT(!m.blobs.empty() && m.blobs.size() + 2 <= message_frames_max);
                 for (const Blob& blob : m.blobs)
-                    FRAJA_ASSERT(blob && blob->size() <= frame_bytes_max);
+                    FRAJA_ASSERT(blob.size() <= frame_bytes_max);
                 packet.blobs = m.blobs;
             }
             return packet;
@@ -297,10 +297,10 @@ Result<Message> decode(std::span<const Blob> frames) {
     if (frames.size() > message_frames_max)
         return malformed("message", "more than " + std::to_string(message_frames_max) + " frames");
     for (const Blob& frame : frames)
-        if (frame->size() > frame_bytes_max)
+        if (frame.size() > frame_bytes_max)
             return malformed("message",
                              "a frame of more than " + std::to_string(frame_bytes_max) + " bytes");
-    const Bytes& header = *frames[0];
+    const Blob& header = frames[0];
     if (header.size() < header_bytes || std::memcmp(header.data(), magic, sizeof magic) != 0)
         return malformed("header", "no Fraja header");
     const std::uint16_t peer_version = little_endian(header.data() + 4);

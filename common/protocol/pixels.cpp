@@ -4,10 +4,21 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <utility>
 
 namespace fraja::protocol {
+
+static_assert(std::endian::native == std::endian::little, "pixels travel little-endian");
+
+std::vector<float> floats_of(const std::vector<Blob>& blobs) {
+    const Blob bytes = joined(blobs);
+    std::vector<float> floats(bytes.size() / sizeof(float));
+    if (!floats.empty())
+        std::memcpy(floats.data(), bytes.data(), floats.size() * sizeof(float));
+    return floats;
+}
 
 PixelPlanes::PixelPlanes(const PixelRect& area, std::uint64_t pixel_bytes)
     : area_(area), pixel_bytes_(pixel_bytes), bytes_(area.pixel_count() * pixel_bytes) {
@@ -32,11 +43,7 @@ void PixelPlanes::for_each_row(const PixelRect& part, F deed) const {
 }
 
 void PixelPlanes::place(const PixelRect& part, const std::vector<Blob>& blobs) {
-    Bytes joined;
-    if (blobs.size() != 1)
-        for (const Blob& blob : blobs)
-            joined.insert(joined.end(), blob->begin(), blob->end());
-    const Bytes& whole = blobs.size() == 1 ? *blobs.front() : joined;
+    const Blob whole = joined(blobs);
     FRAJA_ASSERT(whole.size() == part.pixel_count() * pixel_bytes_);
     for_each_row(part, [&](std::size_t here, std::size_t there, std::size_t size) {
         std::memcpy(bytes_.data() + here, whole.data() + there, size);
@@ -49,12 +56,12 @@ std::vector<Blob> PixelPlanes::blobs(const PixelRect& part) const {
         std::memcpy(all.data() + there, bytes_.data() + here, size);
     });
     if (all.size() <= chunk_bytes)
-        return {make_blob(std::move(all))};
+        return {Blob(std::move(all))};
     std::vector<Blob> cut;
     for (std::size_t begin = 0; begin < all.size(); begin += chunk_bytes) {
         const std::size_t end = std::min(begin + chunk_bytes, all.size());
-        cut.push_back(make_blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
-                                      all.begin() + static_cast<std::ptrdiff_t>(end))));
+        cut.push_back(Blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
+                                 all.begin() + static_cast<std::ptrdiff_t>(end))));
     }
     return cut;
 }

@@ -13,6 +13,10 @@ namespace fraja::protocol {
 inline constexpr std::uint64_t colour_bytes = 12; ///< of a pixel, in the first plane
 inline constexpr std::uint64_t plane_bytes = 4;   ///< of a pixel, in each that follows
 
+/// The floats that the blobs are together, one after the other; one may be cut in two. What makes
+/// no whole float at the end is left out.
+[[nodiscard]] std::vector<float> floats_of(const std::vector<Blob>& blobs);
+
 /// The pixels of a rectangle, to be put together from parts and to be cut into others.
 class PixelPlanes {
 public:

@@ -24,7 +24,7 @@ protocol::Chunk chunk_of(const Bytes& bytes, std::uint64_t offset) {
     protocol::Chunk chunk{content_hash(bytes), offset, bytes.size(), {}};
     const auto size = std::min<std::uint64_t>(chunk_bytes, bytes.size() - offset);
     const auto begin = bytes.begin() + static_cast<std::ptrdiff_t>(offset);
-    chunk.blobs.push_back(make_blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
+    chunk.blobs.push_back(Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
     return chunk;
 }
 
@@ -45,7 +45,7 @@ TEST_CASE("a blob arrives chunk by chunk and is given out as it came") {
     for (const std::uint64_t offset : {std::uint64_t{0}, chunk_bytes, 2 * chunk_bytes}) {
         const auto chunk = store.chunk(hash, offset);
         REQUIRE(chunk.has_value());
-        CHECK(*chunk->blobs.front() == *chunk_of(bytes, offset).blobs.front());
+        CHECK(chunk->blobs.front() == chunk_of(bytes, offset).blobs.front());
     }
     CHECK_FALSE(store.chunk(hash, 1).has_value());
     CHECK_FALSE(store.chunk(hash, 3 * chunk_bytes).has_value());
@@ -73,7 +73,7 @@ TEST_CASE("chunks that nobody asked for are ignored") {
     wrong_total.total_bytes = 99;
     CHECK(store.add(wrong_total) == BlobStore::Arrival::ignored);
     auto short_one = chunk_of(bytes, 0);
-    short_one.blobs = {make_blob(some_bytes(10))};
+    short_one.blobs = {Blob(some_bytes(10))};
     CHECK(store.add(short_one) == BlobStore::Arrival::ignored);
 }
 

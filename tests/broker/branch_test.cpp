@@ -19,7 +19,7 @@ struct Desk {
     explicit Desk(bool with_scene = true) {
         if (!with_scene)
             return;
-        compile({make_blob(scene_bytes)});
+        compile({Blob(scene_bytes)});
         (void)branch.take_results();
     }
     void compile(std::vector<Blob> chunks) {
@@ -41,7 +41,7 @@ struct Desk {
     static std::shared_ptr<const TileDone> part(const PixelRect& rect, std::uint8_t value) {
         TileDone done;
         done.rect = rect;
-        done.blobs = {make_blob(Bytes(rect.pixel_count() * 12, std::byte{value}))};
+        done.blobs = {Blob(Bytes(rect.pixel_count() * 12, std::byte{value}))};
         return std::make_shared<const TileDone>(done);
     }
 };
@@ -50,12 +50,12 @@ TEST_CASE("a scene is taken for what its hash says, or not at all") {
     Desk desk(false);
     Bytes first(scene_bytes.begin(), scene_bytes.begin() + 10);
     Bytes rest(scene_bytes.begin() + 10, scene_bytes.end());
-    desk.compile({make_blob(first), make_blob(rest)});
+    desk.compile({Blob(first), Blob(rest)});
     auto results = desk.branch.take_results();
     REQUIRE(results.size() == 1);
     CHECK(std::get<worker::SceneCompiled>(results[0].event).scene == scene_hash);
-    CHECK((*desk.start(1, {0, 0, 8, 8}).scene_text == scene_bytes));
-    desk.compile({make_blob(rest)});
+    CHECK((desk.start(1, {0, 0, 8, 8}).scene_text == Blob(scene_bytes)));
+    desk.compile({Blob(rest)});
     results = desk.branch.take_results();
     REQUIRE(results.size() == 1);
     CHECK(std::get<worker::SceneFailed>(results[0].event).error.code == ErrorCode::malformed_frame);
@@ -79,9 +79,10 @@ TEST_CASE("parts are put together, and the time told is that of an eighth of the
     CHECK(finished.rays.camera == 200);
     CHECK(finished.elapsed == 1s); // by 4 of the 32 threads
     REQUIRE(finished.blobs.size() == 1);
-    REQUIRE(finished.blobs[0]->size() == 200 * 12);
+    REQUIRE(finished.blobs[0].size() == 200 * 12);
     for (std::size_t pixel = 0; pixel < 200; ++pixel)
-        CHECK((*finished.blobs[0])[pixel * 12] == (pixel % 20 < 12 ? std::byte{1} : std::byte{2}));
+        CHECK(finished.blobs[0].data()[pixel * 12] ==
+              (pixel % 20 < 12 ? std::byte{1} : std::byte{2}));
 }
 
 TEST_CASE("what was withdrawn is nobody's when it comes") {

@@ -33,7 +33,7 @@ TileRendered probed(const RenderTile& order, Rays rays) {
     }
     TileRendered answer = Farm::answer(order);
     answer.rays.camera = bytes.size() / 4;
-    answer.blobs = {make_blob(std::move(bytes))};
+    answer.blobs = {Blob(std::move(bytes))};
     return answer;
 }
 

@@ -41,7 +41,7 @@ TEST_CASE("a job is done when every tile is and its tiles are published once eac
     for (const auto& tile : farm.published<TileDone>(job_topic(picture.job))) {
         CHECK(seen.insert(tile.tile).second);
         CHECK(tile.worker_name == "w");
-        CHECK(tile.blobs.front()->size() == 1200);
+        CHECK(tile.blobs.front().size() == 1200);
     }
     CHECK(seen.size() == 5);
     CHECK(farm.published<JobState>(job_topic(picture.job)).back().phase == JobPhase::done);
@@ -104,7 +104,7 @@ TEST_CASE("the scene is asked for once and given to workers in chunks") {
     CHECK_FALSE(farm.heard<NeedChunk>("b")); // the broker has it
     farm.worker_arrives("w", 1, 1, 1);
     farm.say("w", NeedChunk{scene_hash, 0});
-    CHECK(*farm.last<Chunk>("w").blobs.front() == scene_bytes);
+    CHECK(farm.last<Chunk>("w").blobs.front() == Blob(scene_bytes));
     farm.say("w", NeedChunk{scene_hash, 4096});
     CHECK(farm.last<Refused>("w").code == RefusalCode::invalid);
 }
@@ -208,7 +208,7 @@ TEST_CASE("whoever has not said hello is told so") {
 TEST_CASE("messages out of place are refused and counted") {
     Farm farm;
     farm.client_arrives("c");
-    farm.say("c", TileRendered{id_of<JobId>(1), {}, {}, {}, {}, {make_blob(Bytes(3))}});
+    farm.say("c", TileRendered{id_of<JobId>(1), {}, {}, {}, {}, {Blob(Bytes(3))}});
     CHECK(farm.last<Refused>("c").code == RefusalCode::unexpected);
     farm.worker_arrives("w", 1, 1, 1);
     farm.say("w", Farm::picture(1, 1));

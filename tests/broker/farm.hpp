@@ -77,7 +77,7 @@ public:
         return s;
     }
     static protocol::Chunk scene_chunk() {
-        return {scene_hash, 0, scene_bytes.size(), {make_blob(scene_bytes)}};
+        return {scene_hash, 0, scene_bytes.size(), {Blob(scene_bytes)}};
     }
     JobId submit(const PeerId& client, const protocol::SubmitJob& submission) {
         if (!clients.contains(client)) {
@@ -100,7 +100,7 @@ public:
                 .attempt = tile.attempt,
                 .rays = {tile.rect.pixel_count(), 0, 0, 0},
                 .elapsed = std::chrono::milliseconds(5),
-                .blobs = {make_blob(Bytes(tile.rect.pixel_count() * tile.settings.pixel_bytes()))}};
+                .blobs = {Blob(Bytes(tile.rect.pixel_count() * tile.settings.pixel_bytes()))}};
     }
     void render(const PeerId& peer, const protocol::RenderTile& tile) { say(peer, answer(tile)); }
     void fail(const PeerId& peer, const protocol::RenderTile& tile, protocol::FailureCode code) {

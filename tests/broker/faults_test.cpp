@@ -210,7 +210,7 @@ TEST_CASE("pixels of a wrong size are a failure of the worker") {
     farm.worker_arrives("a", 1, 1, 1);
     const auto tile = farm.tiles("a").front();
     TileRendered answer = Farm::answer(tile);
-    answer.blobs = {make_blob(Bytes(7))};
+    answer.blobs = {Blob(Bytes(7))};
     farm.say("a", answer);
     CHECK(farm.state(job).done_count == 0);
     CHECK(farm.tiles("a").size() == 1);
@@ -352,7 +352,7 @@ TEST_CASE("nobody else can spoil the scene that a client sends") {
     farm.client_arrives("stranger");
     farm.say("owner", Farm::picture(1, 1));
     Chunk spoilt = Farm::scene_chunk();
-    spoilt.blobs = {make_blob(Bytes(scene_bytes.size()))};
+    spoilt.blobs = {Blob(Bytes(scene_bytes.size()))};
     farm.say("stranger", spoilt);
     CHECK(farm.dispatcher.counters().unexpected == 1);
     farm.say("owner", Farm::scene_chunk());

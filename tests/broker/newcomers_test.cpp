@@ -50,7 +50,7 @@ struct Learnt : Farm {
         s.scene_bytes = other.size();
         others_have_credit(0);
         say("client", s);
-        say("client", Chunk{s.scene, 0, other.size(), {make_blob(other)}});
+        say("client", Chunk{s.scene, 0, other.size(), {Blob(other)}});
         draw_all("a");
         others_have_credit(2);
         REQUIRE(state(s.job).phase == JobPhase::done);

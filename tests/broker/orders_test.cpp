@@ -12,7 +12,7 @@ Order order_of(std::uint8_t id, const PixelRect& rect) {
     order.id = id_of<JobId>(id);
     order.rect = rect;
     order.scene = scene_hash;
-    order.scene_text = make_blob(scene_bytes);
+    order.scene_text = Blob(scene_bytes);
     order.settings.size = {200, 100};
     order.settings.crop = {0, 0, 200, 100};
     return order;
@@ -165,10 +165,10 @@ TEST_CASE("a probe that was ordered goes to one worker as it is") {
     CHECK(tiles[0].probe_side == 25);
     CHECK(tiles[0].rect == order.rect);
     TileRendered answer = Farm::answer(tiles[0]);
-    answer.blobs = {make_blob(Bytes(8 * 4 * sizeof(float), std::byte{1}))};
+    answer.blobs = {Blob(Bytes(8 * 4 * sizeof(float), std::byte{1}))};
     farm.say("w", answer);
     REQUIRE(farm.orders_filled.size() == 1);
-    CHECK((*farm.orders_filled[0].probe.at(0) == *answer.blobs[0]));
+    CHECK((farm.orders_filled[0].probe.at(0) == answer.blobs[0]));
     CHECK(farm.tiles("w").empty());
 
     order.id = id_of<JobId>(8);

@@ -73,7 +73,7 @@ inline Bytes noise(Rng& rng, std::size_t size) {
 }
 
 inline PutBlob scene_of(const Bytes& bytes) {
-    return {protocol::content_hash(bytes), {make_blob(bytes)}};
+    return {protocol::content_hash(bytes), {Blob(bytes)}};
 }
 
 inline PutJob job_of(Rng& rng, std::uint32_t number, const ContentHash& scene = {}) {
@@ -91,18 +91,16 @@ inline PutTile tile_of(Rng& rng, const JobId& job, std::uint32_t index, std::siz
     tile.blobs.clear();
     do {
         const std::size_t piece = std::min(size, protocol::chunk_bytes);
-        tile.blobs.push_back(make_blob(noise(rng, piece)));
+        tile.blobs.push_back(Blob(noise(rng, piece)));
         size -= piece;
     } while (size > 0);
     return {std::make_shared<const protocol::TileDone>(std::move(tile))};
 }
 
 inline bool same_tile(const protocol::TileDone& a, const protocol::TileDone& b) {
-    const auto same_bytes = [](const Blob& x, const Blob& y) { return *x == *y; };
     return a.job == b.job && a.tile == b.tile && a.frame == b.frame && a.pass == b.pass &&
            a.rect == b.rect && a.worker_name == b.worker_name && a.rays == b.rays &&
-           a.elapsed == b.elapsed &&
-           std::equal(a.blobs.begin(), a.blobs.end(), b.blobs.begin(), b.blobs.end(), same_bytes);
+           a.elapsed == b.elapsed && a.blobs == b.blobs;
 }
 
 inline std::string file_bytes(const std::filesystem::path& path) {

@@ -83,7 +83,7 @@ class FakeBroker {
 public:
     FakeBroker()
         : router_(std::move(*net::RouterSocket::bind(context_, "tcp://127.0.0.1:0"))),
-          scene_(make_blob(to_bytes(bytes_of(e2e::scene("overlapping_spheres"))))) {
+          scene_(Blob(to_bytes(bytes_of(e2e::scene("overlapping_spheres"))))) {
         auto worker =
             Process::start({{program("fraja-worker"), "-b", router_.endpoint(), "-j", "1"}});
         REQUIRE(worker.has_value());
@@ -126,8 +126,8 @@ private:
         return {.job = job_,
                 .attempt = AttemptNumber{++attempts_},
                 .rect = {0, 0, size.width, size.height},
-                .scene = content_hash(*scene_),
-                .scene_bytes = scene_->size(),
+                .scene = content_hash(scene_),
+                .scene_bytes = scene_.size(),
                 .settings = settings};
     }
     template <class M, class Wanted>
@@ -167,7 +167,7 @@ private:
         } else if (std::holds_alternative<WorkerBeat>(*message)) {
             say(Beat{});
         } else if (const auto* need = std::get_if<NeedChunk>(&*message)) {
-            say(Chunk{need->blob, 0, scene_->size(), {scene_}});
+            say(Chunk{need->blob, 0, scene_.size(), {scene_}});
         }
         return std::move(*message);
     }

@@ -15,11 +15,11 @@ using namespace protocol;
 constexpr Duration heartbeat = 100ms, patience = 200ms;
 
 /// Never as many as pixels have: these are floats.
-Blob some_bytes(Rng& rng) {
+Bytes some_bytes(Rng& rng) {
     Bytes bytes(4 * rng.below(5'000) + 1 + rng.below(3));
     for (auto& byte : bytes)
         byte = static_cast<std::byte>(rng.next());
-    return make_blob(std::move(bytes));
+    return bytes;
 }
 
 TileRendered answer_to(const RenderTile& order, Rng& rng) {
@@ -28,14 +28,14 @@ TileRendered answer_to(const RenderTile& order, Rng& rng) {
             .attempt = order.attempt,
             .rays = {.camera = rng.next() >> rng.below(64)},
             .elapsed = Duration(static_cast<Duration::rep>(rng.next() >> rng.below(64))),
-            .blobs = {some_bytes(rng)}};
+            .blobs = {Blob(some_bytes(rng))}};
 }
 
 Packet no_message(Rng& rng) {
     Packet packet = encode(Beat{});
-    packet.body = *some_bytes(rng);
+    packet.body = some_bytes(rng);
     if (rng.below(2) == 0)
-        packet.header = *some_bytes(rng);
+        packet.header = some_bytes(rng);
     return packet;
 }
 

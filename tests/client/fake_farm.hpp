@@ -218,7 +218,7 @@ private:
             tile.rect.width = 0;
             return tile;
         case 3:
-            tile.blobs.push_back(make_blob(Bytes(1)));
+            tile.blobs.push_back(Blob(Bytes(1)));
             return tile;
         case 4:
             tile.blobs.clear();
@@ -305,8 +305,8 @@ private:
         done.worker_name = "ada";
         Bytes pixels(12 * done.rect.pixel_count(), static_cast<std::byte>(tile));
         const auto cut = static_cast<std::ptrdiff_t>(rng_.below(pixels.size() + 1));
-        done.blobs = {make_blob(Bytes(pixels.begin(), pixels.begin() + cut)),
-                      make_blob(Bytes(pixels.begin() + cut, pixels.end()))};
+        done.blobs = {Blob(Bytes(pixels.begin(), pixels.begin() + cut)),
+                      Blob(Bytes(pixels.begin() + cut, pixels.end()))};
         return done;
     }
 
@@ -399,7 +399,7 @@ private:
         if (!exists_ || state_.phase != protocol::JobPhase::waiting_for_scene ||
             chunk.blob != scene_hash || chunk.offset_bytes != scene_received.size())
             return;
-        const Bytes& bytes = *chunk.blobs.at(0);
+        const Blob& bytes = chunk.blobs.at(0);
         scene_received.insert(scene_received.end(), bytes.begin(), bytes.end());
         if (scene_received.size() < scene_bytes)
             return answer(protocol::NeedChunk{scene_hash, scene_received.size()});
@@ -468,7 +468,7 @@ private:
             const auto index = static_cast<std::uint32_t>(tile->tile.tile);
             ++delivered[index];
             for (const Blob& blob : tile->tile.blobs)
-                for (const std::byte byte : *blob)
+                for (const std::byte byte : blob)
                     pixels_right = pixels_right && byte == static_cast<std::byte>(index);
         } else if (const auto* changed = std::get_if<StateChanged>(&news)) {
             states.push_back(changed->state);

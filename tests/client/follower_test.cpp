@@ -43,7 +43,7 @@ protocol::TileDone tile_of(const protocol::JobState& job, std::uint32_t tile) {
     done.job = job.job;
     done.tile = TileIndex{tile};
     done.rect = {tile, 0, 1, 1};
-    done.blobs = {make_blob(Bytes(12))};
+    done.blobs = {Blob(Bytes(12))};
     return done;
 }
 
@@ -207,12 +207,12 @@ TEST_CASE("a tile is delivered once, and rubbish never") {
     rubbish[0].tile = TileIndex{4};
     rubbish[1].tile = TileIndex{UINT32_MAX};
     rubbish[2].rect = {3, 0, 2, 1}; // beyond the right edge, with pixels to match
-    rubbish[2].blobs = {make_blob(Bytes(24))};
+    rubbish[2].blobs = {Blob(Bytes(24))};
     rubbish[3].rect = {0, 0, UINT32_MAX, UINT32_MAX};
     rubbish[4].rect.height = 0;
     rubbish[4].blobs = {};
-    rubbish[5].blobs = {make_blob(Bytes(12)), make_blob(Bytes(1))};
-    rubbish[6].blobs = {make_blob(Bytes(11))};
+    rubbish[5].blobs = {Blob(Bytes(12)), Blob(Bytes(1))};
+    rubbish[6].blobs = {Blob(Bytes(11))};
     rubbish[7].job = JobId{{2}};
     for (const auto& bad : rubbish) {
         f.step(FromStream{bad});
@@ -233,12 +233,12 @@ TEST_CASE("a tile has 5 floats a pixel where the job tells of errors, and 3 wher
         follower.start({}, actions);
         auto tile = tile_of(job, 0);
         for (const std::size_t bytes : {adaptive ? 12u : 20u, 16u, 24u, 40u}) {
-            tile.blobs = {make_blob(Bytes(bytes))};
+            tile.blobs = {Blob(Bytes(bytes))};
             follower.step({}, FromStream{tile}, actions);
         }
         CHECK(follower.counts().rubbish == 4);
         CHECK(follower.have_count() == 0);
-        tile.blobs = {make_blob(Bytes(11)), make_blob(Bytes(adaptive ? 9 : 1))};
+        tile.blobs = {Blob(Bytes(11)), Blob(Bytes(adaptive ? 9 : 1))};
         actions.clear();
         follower.step({}, FromStream{tile}, actions);
         CHECK(follower.have_count() == 1);
@@ -389,7 +389,7 @@ TEST_CASE("of a tile that is here in part only the rest is told, with its own pi
         for (std::uint32_t y = rect.y; y < rect.y + rect.height; ++y)
             for (std::uint32_t x = rect.x; x < rect.x + rect.width; ++x)
                 pixels.insert(pixels.end(), 12, static_cast<std::byte>(10 * y + x));
-        done.blobs = {make_blob(std::move(pixels))};
+        done.blobs = {Blob(std::move(pixels))};
         return done;
     };
     std::vector<Action> actions;
@@ -404,7 +404,7 @@ TEST_CASE("of a tile that is here in part only the rest is told, with its own pi
             if (!arrived)
                 continue;
             const protocol::TileDone& tile = arrived->tile;
-            CHECK((*tile.blobs.at(0) == *tile_at(tile.rect).blobs[0]));
+            CHECK((tile.blobs.at(0) == tile_at(tile.rect).blobs[0]));
             CHECK(tile.tile == tile_at(tile.rect).tile);
             CHECK(tile.rays.camera == tile.rect.pixel_count());
             for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)

@@ -76,7 +76,7 @@ TEST_CASE("a frame's scene is the scene with that frame's camera, and nothing el
     for (std::uint32_t n = 1; n <= 12; ++n) {
         const auto text = film->frame(n);
         REQUIRE(text.has_value());
-        const auto read = read_raj(as_text(*text->text), "frame");
+        const auto read = read_raj(as_text(text->text), "frame");
         REQUIRE(read.has_value());
         Scene want = *scene;
         want.camera = cameras->at(n - 1);

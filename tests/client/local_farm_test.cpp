@@ -31,7 +31,7 @@ SubmissionRequest request_to(const LocalFarm& farm, const SceneFile& scene) {
     request.job.job = random_id<JobId>();
     request.job.job_name = "cone";
     request.job.scene = scene.hash;
-    request.job.scene_bytes = scene.text->size();
+    request.job.scene_bytes = scene.text.size();
     request.job.settings.size = {64, 48};
     request.job.settings.crop = {0, 0, 64, 48};
     request.job.tile_side = 16;

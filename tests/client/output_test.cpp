@@ -220,8 +220,8 @@ TEST_CASE("a picture puts tiles together, wherever their bytes were cut") {
     for (std::ptrdiff_t cut = 0; cut <= static_cast<std::ptrdiff_t>(bytes.size()); ++cut) {
         protocol::TileDone t;
         t.rect = {3, 2, 2, 1};
-        t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
-                   make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
+        t.blobs = {Blob(Bytes(bytes.begin(), bytes.begin() + cut)),
+                   Blob(Bytes(bytes.begin() + cut, bytes.end()))};
         picture.place(t, 1);
         const auto row = picture.film().pixels().subspan(3 * (4 + 1), 6);
         CHECK(std::equal(row.begin(), row.end(), rgb.begin()));
@@ -250,8 +250,8 @@ TEST_CASE("an adaptive picture has its pixels' samples and errors, wherever thei
         Picture picture(adaptive_settings());
         protocol::TileDone t;
         t.rect = {2, 2, 2, 1};
-        t.blobs = {make_blob(Bytes(bytes.begin(), bytes.begin() + cut)),
-                   make_blob(Bytes(bytes.begin() + cut, bytes.end()))};
+        t.blobs = {Blob(Bytes(bytes.begin(), bytes.begin() + cut)),
+                   Blob(Bytes(bytes.begin() + cut, bytes.end()))};
         picture.place(t, 1);
         const Film& film = picture.film();
         CHECK(std::ranges::equal(film.pixels().subspan(6),
@@ -266,12 +266,12 @@ TEST_CASE("what is thought of a picture is known when it is whole") {
     CHECK_FALSE(picture.estimate().has_value());
     protocol::TileDone t;
     t.rect = {2, 1, 2, 1};
-    t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 4, 16, 0.5f, 0.5f}))};
+    t.blobs = {Blob(travelling({0, 0, 0, 0, 0, 0, 4, 16, 0.5f, 0.5f}))};
     picture.place(t, 1);
     CHECK(picture.pixels_placed() == 2);
     CHECK_FALSE(picture.estimate().has_value());
     t.rect = {2, 2, 2, 1};
-    t.blobs = {make_blob(travelling({0, 0, 0, 0, 0, 0, 64, 4, 0.7f, 0.1f}))};
+    t.blobs = {Blob(travelling({0, 0, 0, 0, 0, 0, 64, 4, 0.7f, 0.1f}))};
     picture.place(t, 1);
     REQUIRE(picture.estimate().has_value());
     CHECK(picture.estimate()->samples == 22);
@@ -285,7 +285,7 @@ TEST_CASE("pixels that may have no more samples and are not as good as was asked
     Picture picture(settings);
     protocol::TileDone t;
     t.rect = settings.crop;
-    t.blobs = {make_blob(
+    t.blobs = {Blob(
         travelling({0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 64, 64, 32, 64, 0.3f, 0.1f, 0.3f, 0.21f}))};
     picture.place(t, 1);
     REQUIRE(picture.estimate().has_value());
@@ -298,7 +298,7 @@ TEST_CASE("nothing is thought of a regular grid, nor of three samples") {
     Picture picture(settings);
     protocol::TileDone t;
     t.rect = settings.crop;
-    t.blobs = {make_blob(Bytes(48))};
+    t.blobs = {Blob(Bytes(48))};
     picture.place(t, 1);
     CHECK(picture.pixels_placed() == 4);
     CHECK_FALSE(picture.estimate().has_value());
@@ -344,7 +344,7 @@ TEST_CASE("a live picture is written when something came, and not too often") {
     CHECK_FALSE(std::filesystem::exists(path)); // there is nothing yet
     protocol::TileDone t;
     t.rect = {0, 0, 1, 1};
-    t.blobs = {make_blob(Bytes(12))};
+    t.blobs = {Blob(Bytes(12))};
     live.place(t, 1);
     REQUIRE(*live.tick(Instant{} + 1s) == Instant::never());
     CHECK(std::filesystem::exists(path));

@@ -60,7 +60,7 @@ private:
             send(peer, state_);
             send(peer, NeedChunk{submit->scene, 0});
         } else if (const auto* chunk = std::get_if<Chunk>(&message)) {
-            CHECK(content_hash(*chunk->blobs.at(0)) == state_.scene);
+            CHECK(content_hash(chunk->blobs.at(0)) == state_.scene);
             state_.phase = JobPhase::running;
             state_.done_count = 2;
             send(peer, state_);
@@ -89,7 +89,7 @@ private:
         done.tile = TileIndex{i};
         done.rect = {i, 0, 1, 1};
         done.worker_name = "ada";
-        done.blobs = {make_blob(Bytes(12, static_cast<std::byte>(i)))};
+        done.blobs = {Blob(Bytes(12, static_cast<std::byte>(i)))};
         return done;
     }
     void send(const net::PeerId& peer, const protocol::Message& message) {
@@ -113,7 +113,7 @@ public:
         if (const auto* tile = std::get_if<TileArrived>(&news)) {
             const auto index = static_cast<std::uint32_t>(tile->tile.tile);
             ++tiles[index];
-            CHECK(tile->tile.blobs.at(0)->at(0) == static_cast<std::byte>(index));
+            CHECK(tile->tile.blobs.at(0).data()[0] == static_cast<std::byte>(index));
         }
         if (std::holds_alternative<Accepted>(news))
             ++accepted;
@@ -131,7 +131,7 @@ SubmissionRequest request_to(const std::string& broker) {
     request.job.scene_bytes = scene.size();
     request.job.settings.size = {4, 1};
     request.job.settings.crop = {0, 0, 4, 1};
-    request.scene_text = make_blob(scene);
+    request.scene_text = Blob(scene);
     request.session = {{broker}, 10s, "test"};
     request.timeout = 60s;
     return request;

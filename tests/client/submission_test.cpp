@@ -25,7 +25,7 @@ SubmissionRequest request_for(const FakeJob& job, Bytes scene) {
     request.job.scene = protocol::content_hash(scene);
     request.job.scene_bytes = scene.size();
     request.job.settings = job.settings;
-    request.scene_text = make_blob(std::move(scene));
+    request.scene_text = Blob(std::move(scene));
     request.session = {{"tcp://127.0.0.1:50057"}, 10s, "test"};
     return request;
 }
@@ -192,7 +192,7 @@ TEST_CASE("a chunk that the scene does not have is refused, not invented") {
     }
     d.say(protocol::NeedChunk{hash, 0});
     REQUIRE(d.sent<protocol::Chunk>().has_value());
-    CHECK(*d.sent<protocol::Chunk>()->blobs.at(0) == scene);
+    CHECK(d.sent<protocol::Chunk>()->blobs.at(0) == Blob(scene));
 }
 
 TEST_CASE("another job's state is no acknowledgement") {

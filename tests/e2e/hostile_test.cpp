@@ -76,7 +76,7 @@ TEST_CASE("rubbish from strangers harms neither the broker nor its jobs") {
             if (rng.below(4) == 0)
                 packet.header = Bytes(rng.below(12), static_cast<std::byte>(rng.next()));
             if (rng.below(50) == 0) // more frames than a message may have
-                packet.blobs.assign(500, make_blob(Bytes(1000)));
+                packet.blobs.assign(500, Blob(Bytes(1000)));
             say(*socket, packet);
         }
         while (socket->receive()) {
@@ -109,7 +109,7 @@ TEST_CASE("a frame beyond the limit ends its connection and nothing else") {
     };
     CHECK(std::holds_alternative<protocol::Welcome>(ask(protocol::ClientHello{"test", "0"})));
     protocol::Packet packet = protocol::encode(protocol::Beat{});
-    packet.blobs.assign(1, make_blob(Bytes(protocol::frame_bytes_max + 1)));
+    packet.blobs.assign(1, Blob(Bytes(protocol::frame_bytes_max + 1)));
     say(*socket, packet);
     // ZeroMQ connects again, and the broker sees a stranger.
     protocol::Message answer;

@@ -42,16 +42,15 @@ struct KnownScene {
 };
 
 [[nodiscard]] inline KnownScene known_scene(std::size_t text_bytes) {
-    KnownScene scene{
-        .text = make_blob(Bytes(text_bytes, std::byte{'s'})), .hash = {}, .chunks = {}};
-    scene.hash = protocol::content_hash(*scene.text);
+    KnownScene scene{.text = Blob(Bytes(text_bytes, std::byte{'s'})), .hash = {}, .chunks = {}};
+    scene.hash = protocol::content_hash(scene.text);
     for (std::size_t at = 0; at < text_bytes; at += protocol::chunk_bytes) {
         protocol::Chunk& chunk = scene.chunks.emplace_back();
         chunk.blob = scene.hash;
         chunk.offset_bytes = at;
         chunk.total_bytes = text_bytes;
         chunk.blobs = {
-            make_blob(Bytes(std::min(protocol::chunk_bytes, text_bytes - at), std::byte{'s'}))};
+            Blob(Bytes(std::min(protocol::chunk_bytes, text_bytes - at), std::byte{'s'}))};
     }
     return scene;
 }
@@ -165,7 +164,7 @@ template <class M>
     if constexpr (protocol::CarriesBlobs<M>) {
         const std::uint32_t count = std::is_same_v<M, protocol::Chunk> ? 1 : 1 + in.below(3);
         for (std::uint32_t i = 0; i < count; ++i)
-            message.blobs.push_back(make_blob(Bytes(in.below(100), std::byte{7})));
+            message.blobs.push_back(Blob(Bytes(in.below(100), std::byte{7})));
     }
     return message;
 }
@@ -205,9 +204,9 @@ template <class To, class From>
 /// So many bytes of pixels, in one or two frames.
 [[nodiscard]] inline std::vector<Blob> pixels(std::uint64_t bytes, Input& in) {
     const std::uint64_t first = in.once_in(4) ? bytes / 2 : bytes;
-    std::vector<Blob> blobs = {make_blob(Bytes(first, std::byte{1}))};
+    std::vector<Blob> blobs = {Blob(Bytes(first, std::byte{1}))};
     if (first < bytes)
-        blobs.push_back(make_blob(Bytes(bytes - first, std::byte{2})));
+        blobs.push_back(Blob(Bytes(bytes - first, std::byte{2})));
     return blobs;
 }
 

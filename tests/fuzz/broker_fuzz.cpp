@@ -238,7 +238,7 @@ private:
         fill(in_, job.job);
         job.job_name = in_.below(2) ? "a" : "b";
         job.scene = scene.hash;
-        job.scene_bytes = scene.text->size();
+        job.scene_bytes = scene.text.size();
         fill(in_, job.settings);
         fill(in_, job.order);
         job.tile_side = 4 * in_.below(4);
@@ -258,7 +258,7 @@ private:
         if (chunk.blobs.empty())
             chunk = message_of<Chunk>(in_);
         if (in_.once_in(8)) // the right size, and other bytes
-            chunk.blobs = {make_blob(Bytes(chunk.blobs.front()->size(), std::byte{'?'}))};
+            chunk.blobs = {Blob(Bytes(chunk.blobs.front().size(), std::byte{'?'}))};
         say(peer, chunk);
     }
 

@@ -54,7 +54,7 @@ private:
         job.job = id_of<JobId>(1);
         job.job_name = "a";
         job.scene = scene.hash;
-        job.scene_bytes = scene.text->size();
+        job.scene_bytes = scene.text.size();
         job.settings = small_picture(in);
         return job;
     }

@@ -17,15 +17,13 @@ using namespace fraja::fuzz;
 namespace {
 
 std::vector<Blob> frames_of(const protocol::Packet& packet) {
-    std::vector<Blob> frames = {make_blob(packet.header), make_blob(packet.body)};
+    std::vector<Blob> frames = {Blob(packet.header), Blob(packet.body)};
     frames.insert(frames.end(), packet.blobs.begin(), packet.blobs.end());
     return frames;
 }
 
 bool same_bytes(const protocol::Packet& a, const protocol::Packet& b) {
-    return a.header == b.header && a.body == b.body &&
-           std::ranges::equal(a.blobs, b.blobs,
-                              [](const Blob& x, const Blob& y) { return *x == *y; });
+    return a.header == b.header && a.body == b.body && a.blobs == b.blobs;
 }
 
 /// What decodes is encoded, and that decodes to what is encoded to the same bytes.
@@ -46,7 +44,7 @@ void decode_raw(Input& in) {
     std::vector<Blob> frames;
     while (!in.empty() && frames.size() < 70) {
         const auto length = static_cast<std::size_t>(in.number(2));
-        frames.push_back(make_blob(in.bytes(length)));
+        frames.push_back(Blob(in.bytes(length)));
     }
     check_decoding(frames);
 }
@@ -62,11 +60,11 @@ void decode_body(Input& in) {
     Bytes header = protocol::encode(protocol::Beat{}).header;
     header[6] = std::byte(type & 0xff);
     header[7] = std::byte(type >> 8);
-    std::vector<Blob> frames = {make_blob(header), nullptr};
+    std::vector<Blob> frames = {Blob(header), Blob()};
     for (std::uint32_t blobs = in.below(3); blobs > 0; --blobs)
-        frames.push_back(make_blob(in.bytes(in.below(4))));
+        frames.push_back(Blob(in.bytes(in.below(4))));
     const auto body = std::as_bytes(in.take_all());
-    frames[1] = make_blob(Bytes(body.begin(), body.end()));
+    frames[1] = Blob(Bytes(body.begin(), body.end()));
     check_decoding(frames);
 }
 
@@ -80,7 +78,7 @@ void decode_nearly(Input& in) {
         body[in.number(2) % body.size()] = std::byte(in.byte());
     if (in.once_in(4))
         body.resize(in.number(2) % (body.size() + 1));
-    frames[1] = make_blob(body);
+    frames[1] = Blob(body);
     check_decoding(frames);
 }
 

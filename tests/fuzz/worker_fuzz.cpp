@@ -137,7 +137,7 @@ private:
         fill(in_, order.attempt);
         const KnownScene& scene = any_scene(in_);
         order.scene = scene.hash;
-        order.scene_bytes = scene.text->size();
+        order.scene_bytes = scene.text.size();
         order.settings = small_picture(in_);
         order.rect = order.settings.crop;
         return order;

@@ -111,11 +111,11 @@ ClientNode::ClientNode(Farm& farm, Network& network, Stream& stream, std::size_t
 
 void ClientNode::start() {
     const JobPlan& plan = farm_.scenario.jobs[index_];
-    const Blob scene = make_blob(scene_of(plan.scene_bytes, index_));
+    const Blob scene(scene_of(plan.scene_bytes, index_));
     job_ = {.job = farm_.make_id<JobId>(),
             .job_name = "job " + std::to_string(index_),
-            .scene = protocol::content_hash(*scene),
-            .scene_bytes = scene->size(),
+            .scene = protocol::content_hash(scene),
+            .scene_bytes = scene.size(),
             .settings = plan.settings,
             .tile_side = plan.tile_side,
             .order = plan.order,

@@ -18,10 +18,8 @@ void Kept::put(const broker::Write& write, Duration wall_now) {
 void Kept::put(const broker::PutBlob& blob, Duration) {
     if (scenes_.contains(blob.hash))
         return;
-    Bytes bytes;
-    for (const Blob& piece : blob.pieces)
-        bytes.insert(bytes.end(), piece->begin(), piece->end());
-    scenes_[blob.hash] = std::move(bytes);
+    const Blob bytes = joined(blob.pieces);
+    scenes_[blob.hash] = Bytes(bytes.begin(), bytes.end());
 }
 
 void Kept::put(const broker::PutJob& put, Duration now) {

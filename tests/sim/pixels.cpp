@@ -37,10 +37,10 @@ bool are_pixels_of(const PictureOf& picture, PixelRect rect, const std::vector<B
     const Bytes wanted = pixels_of(picture, rect);
     std::size_t at = 0;
     for (const Blob& blob : blobs) {
-        if (blob->size() > wanted.size() - at ||
-            std::memcmp(blob->data(), wanted.data() + at, blob->size()) != 0)
+        if (blob.size() > wanted.size() - at ||
+            std::memcmp(blob.data(), wanted.data() + at, blob.size()) != 0)
             return false;
-        at += blob->size();
+        at += blob.size();
     }
     return at == wanted.size();
 }

@@ -20,8 +20,8 @@ namespace {
 Blob black(std::size_t size) {
     static std::map<std::size_t, Blob> blobs; // as many as tiles have sizes
     Blob& blob = blobs[size];
-    if (!blob)
-        blob = make_blob(Bytes(size));
+    if (blob.empty())
+        blob = Blob(Bytes(size));
     return blob;
 }
 
@@ -103,16 +103,16 @@ void WorkerNode::perform(worker::Finished&&) {
 
 void WorkerNode::perform(worker::CompileScene&& compile) {
     // The session wants its hash looked at. Comparing with what it is the hash of is the same.
-    const Bytes* wanted = nullptr;
+    const Blob* wanted = nullptr;
     for (const auto& [id, submitted] : farm_.submitted)
         if (submitted.job.scene == compile.scene)
-            wanted = &*submitted.scene;
+            wanted = &submitted.scene;
     std::size_t at = 0;
     bool whole = wanted != nullptr;
     for (const Blob& chunk : compile.chunks) {
-        whole = whole && chunk->size() <= wanted->size() - at &&
-                std::memcmp(chunk->data(), wanted->data() + at, chunk->size()) == 0;
-        at += whole ? chunk->size() : 0;
+        whole = whole && chunk.size() <= wanted->size() - at &&
+                std::memcmp(chunk.data(), wanted->data() + at, chunk.size()) == 0;
+        at += whole ? chunk.size() : 0;
     }
     whole = whole && at == wanted->size();
     const Duration time = farm_.between(farm_.scenario.compile_min, farm_.scenario.compile_max);
@@ -246,11 +246,11 @@ std::vector<Blob> WorkerNode::answer(const worker::StartTile& tile) const {
         const std::vector<float> rays = probe(tile);
         Bytes bytes(rays.size() * sizeof(float));
         std::memcpy(bytes.data(), rays.data(), bytes.size());
-        return {make_blob(std::move(bytes))};
+        return {Blob(std::move(bytes))};
     }
     if (!farm_.scenario.pixels)
         return {black(tile.rect.pixel_count() * tile.settings.pixel_bytes())};
-    return {make_blob(pixels_of({tile.scene, tile.settings, tile.pass}, tile.rect))};
+    return {Blob(pixels_of({tile.scene, tile.settings, tile.pass}, tile.rect))};
 }
 
 } // namespace fraja::sim

@@ -58,7 +58,7 @@ M random_message_of(Rng& rng) {
     if constexpr (protocol::CarriesBlobs<M>) {
         const std::size_t count = std::is_same_v<M, protocol::Chunk> ? 1 : 1 + rng.below(3);
         for (std::size_t i = 0; i < count; ++i)
-            message.blobs.push_back(make_blob(Bytes(rng.below(100), std::byte{7})));
+            message.blobs.push_back(Blob(Bytes(rng.below(100), std::byte{7})));
     }
     return message;
 }

@@ -48,7 +48,7 @@ struct Emulated {
 
     ContentHash compile(SessionIndex session, const Bytes& text) {
         const ContentHash hash = protocol::content_hash(text);
-        pool.perform(session, CompileScene{hash, {make_blob(text)}, {}});
+        pool.perform(session, CompileScene{hash, {Blob(text)}, {}});
         const auto results = wait_for_results(pool, waker);
         REQUIRE(results.size() == 1);
         CHECK(results[0].session == session);
@@ -90,10 +90,6 @@ StartTile tile_of(Ticket ticket, const ContentHash& scene, PixelRect rect, Exten
     return {ticket, scene, 0, rect, settings};
 }
 
-bool same_bytes(const std::vector<Blob>& a, const std::vector<Blob>& b) {
-    return std::ranges::equal(a, b, [](const Blob& x, const Blob& y) { return *x == *y; });
-}
-
 } // namespace
 
 TEST_CASE("an emulated worker's tiles are a true worker's, byte for byte") {
@@ -101,7 +97,7 @@ TEST_CASE("an emulated worker's tiles are a true worker's, byte for byte") {
     const ContentHash hash = protocol::content_hash(text);
     net::Waker waker;
     RenderPool truth(2, 16, waker);
-    truth.perform(one, CompileScene{hash, {make_blob(text)}, {}});
+    truth.perform(one, CompileScene{hash, {Blob(text)}, {}});
     (void)wait_for_results(truth, waker);
     Emulated bench;
     (void)bench.compile(one, text);
@@ -137,7 +133,7 @@ TEST_CASE("an emulated worker's tiles are a true worker's, byte for byte") {
             bench.pool.perform(one, start);
             const TileFinished tile = bench.next_finished();
             CHECK(tile.ticket == start.ticket);
-            CHECK(same_bytes(tile.blobs, want.blobs));
+            CHECK((tile.blobs == want.blobs));
             CHECK(seconds(tile.elapsed) ==
                   doctest::Approx(static_cast<double>(tile.rays.total()) / 1000));
             const bool whole_units =
@@ -156,8 +152,8 @@ TEST_CASE("a tile larger than a chunk is cut as a true worker's") {
     bench.pool.perform(one, tile_of(Ticket{1}, hash, {0, 0, 256, 256}, {256, 256}));
     const TileFinished tile = bench.next_finished();
     REQUIRE(tile.blobs.size() == 2);
-    CHECK(tile.blobs[0]->size() == protocol::chunk_bytes);
-    CHECK(tile.blobs[1]->size() == 256 * 256 * 12 - protocol::chunk_bytes);
+    CHECK(tile.blobs[0].size() == protocol::chunk_bytes);
+    CHECK(tile.blobs[1].size() == 256 * 256 * 12 - protocol::chunk_bytes);
 }
 
 TEST_CASE("tiles wait for their picture, and their time begins when it is there") {
@@ -252,7 +248,7 @@ TEST_CASE(
     const Bytes rubbish = to_bytes("raja.renderer.Scene {\n  sun = 1\n}");
     for (const SessionIndex session : {one, two})
         bench.pool.perform(session,
-                           CompileScene{protocol::content_hash(rubbish), {make_blob(rubbish)}, {}});
+                           CompileScene{protocol::content_hash(rubbish), {Blob(rubbish)}, {}});
     const auto failed = wait_for_results(bench.pool, bench.waker);
     REQUIRE(failed.size() == 2);
     CHECK(std::holds_alternative<SceneFailed>(failed[0].event));

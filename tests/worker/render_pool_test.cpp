@@ -33,8 +33,7 @@ struct Bench {
         for (std::size_t at = 0; at < text.size(); at += piece_bytes) {
             const std::size_t size = std::min(piece_bytes, text.size() - at);
             const auto begin = text.begin() + static_cast<std::ptrdiff_t>(at);
-            action.chunks.push_back(
-                make_blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
+            action.chunks.push_back(Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
         }
         pool.perform(session, action);
         return action.scene;
@@ -94,13 +93,6 @@ RenderedTile drawn(const Bytes& text, const RenderSettings& settings, Kernel ker
     return std::move(*tile);
 }
 
-Bytes joined(const std::vector<Blob>& blobs) {
-    Bytes all;
-    for (const Blob& blob : blobs)
-        all.insert(all.end(), blob->begin(), blob->end());
-    return all;
-}
-
 } // namespace
 
 TEST_CASE("the pool draws what the kernel draws that a tile asks for, whichever came first") {
@@ -149,7 +141,7 @@ TEST_CASE("tiles that wait for another kernel are drawn in the end, unless they 
         for (const TileFinished& tile : bench.some_finished()) {
             const auto ticket = static_cast<std::uint64_t>(tile.ticket);
             CHECK(finished.insert(ticket).second);
-            CHECK(*tile.blobs.at(0) == *want[ticket % 2]);
+            CHECK(tile.blobs.at(0) == want[ticket % 2]);
         }
 }
 
@@ -164,7 +156,7 @@ TEST_CASE("a scene that cannot be read says where and why") {
 
 TEST_CASE("bytes that are not those of the hash are not read") {
     Bench bench;
-    bench.pool.perform(session, CompileScene{ContentHash{}, {make_blob(to_bytes("anything"))}});
+    bench.pool.perform(session, CompileScene{ContentHash{}, {Blob(to_bytes("anything"))}});
     CHECK(bench.next_as<SceneFailed>().error.code == ErrorCode::malformed_frame);
 }
 
@@ -224,23 +216,23 @@ TEST_CASE("pixels travel as little-endian floats, cut every chunk") {
     Tile tile{{0, 0, 2, 1}, {1.0f, -2.0f, 0.0f, 0.5f, 65536.0f, 3.0f}};
     const auto blobs = pixel_blobs(tile);
     REQUIRE(blobs.size() == 1);
-    REQUIRE(blobs[0]->size() == 24);
+    REQUIRE(blobs[0].size() == 24);
     const unsigned want[] = {0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0};
     for (std::size_t i = 0; i < std::size(want); ++i)
-        CHECK((*blobs[0])[i] == static_cast<std::byte>(want[i]));
+        CHECK(blobs[0].data()[i] == static_cast<std::byte>(want[i]));
 
     tile.rgb.assign(protocol::chunk_bytes / 4 * 2 + 1, 1.0f);
     const auto cut = pixel_blobs(tile);
     REQUIRE(cut.size() == 3);
-    CHECK(cut[0]->size() == protocol::chunk_bytes);
-    CHECK(cut[1]->size() == protocol::chunk_bytes);
-    CHECK(cut[2]->size() == 4);
+    CHECK(cut[0].size() == protocol::chunk_bytes);
+    CHECK(cut[1].size() == protocol::chunk_bytes);
+    CHECK(cut[2].size() == 4);
 }
 
 TEST_CASE("samples and errors travel behind the colours") {
     const Tile tile{{0, 0, 2, 1}, {1, 2, 3, 4, 5, 6}, {4, 16}, {0.25f, 0.5f}};
     const float want[] = {1, 2, 3, 4, 5, 6, 4, 16, 0.25f, 0.5f};
-    const Bytes bytes = joined(pixel_blobs(tile));
+    const Blob bytes = joined(pixel_blobs(tile));
     REQUIRE(bytes.size() == sizeof(want));
     CHECK(std::memcmp(bytes.data(), want, sizeof(want)) == 0);
 
@@ -249,8 +241,8 @@ TEST_CASE("samples and errors travel behind the colours") {
     large.samples = {2, 3}, large.error = {4, 5}; // the first of them fills the chunk
     const auto cut = pixel_blobs(large);
     REQUIRE(cut.size() == 2);
-    CHECK(cut[0]->size() == protocol::chunk_bytes);
-    CHECK(cut[1]->size() == 12);
+    CHECK(cut[0].size() == protocol::chunk_bytes);
+    CHECK(cut[1].size() == 12);
 }
 
 TEST_CASE("the pool draws with the samples that a tile's settings ask for") {
@@ -271,7 +263,7 @@ TEST_CASE("the pool draws with the samples that a tile's settings ask for") {
         drawn(text, {.size = {16, 12}, .error = 2, .max_samples = 32, .filter = Filter::tent},
               Kernel::fast)
             .tile;
-    const Bytes bytes = joined(bench.next_as<TileFinished>().blobs);
+    const Blob bytes = joined(bench.next_as<TileFinished>().blobs);
     CHECK(bytes == joined(pixel_blobs(adaptive)));
     CHECK(bytes.size() == start.settings.pixel_bytes() * 16 * 12);
     CHECK(std::ranges::max(adaptive.samples) == 32);

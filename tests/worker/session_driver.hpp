@@ -43,8 +43,8 @@ struct TestScene {
         : bytes(size, static_cast<std::byte>(filling)), hash(protocol::content_hash(bytes)) {
         do {
             const std::size_t at = pieces.size() * protocol::chunk_bytes;
-            pieces.push_back(make_blob(Bytes(std::min(protocol::chunk_bytes, size - at),
-                                             static_cast<std::byte>(filling))));
+            pieces.push_back(Blob(Bytes(std::min(protocol::chunk_bytes, size - at),
+                                        static_cast<std::byte>(filling))));
         } while (pieces.size() * protocol::chunk_bytes < size);
     }
 

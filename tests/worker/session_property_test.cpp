@@ -207,7 +207,7 @@ Event random_result(Rng& rng, const Watch& watch) {
         watch.running().empty() ? Ticket{rng.below(50)} : one_of(rng, watch.running());
     if (rng.below(4) == 0)
         return TileBroken{ticket, random_error(rng)};
-    return TileFinished{ticket, Rays{rng.below(100), 0, 0, 0}, 1ms, {make_blob(Bytes(12))}};
+    return TileFinished{ticket, Rays{rng.below(100), 0, 0, 0}, 1ms, {Blob(Bytes(12))}};
 }
 
 Event random_event(Rng& rng, const Watch& watch) {

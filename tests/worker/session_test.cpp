@@ -126,7 +126,7 @@ TEST_CASE("session answers a rendered tile, once") {
     REQUIRE(started.size() == 1);
     CHECK(started[0].rect == PixelRect{0, 0, 16, 16});
     const TileFinished finished{
-        started[0].ticket, Rays{1, 2, 3, 4, 5, 6, 7, 8, 9}, 7ms, {make_blob(Bytes(12))}};
+        started[0].ticket, Rays{1, 2, 3, 4, 5, 6, 7, 8, 9}, 7ms, {Blob(Bytes(12))}};
     const auto answers = sent<TileRendered>(driver.step(finished));
     REQUIRE(answers.size() == 1);
     CHECK(answers[0].tile == TileIndex{5});
@@ -211,7 +211,7 @@ TEST_CASE("chunks that do not fit are ignored, or fail what waits for them") {
             if (total)
                 ++chunk.total_bytes;
             else
-                chunk.blobs = {make_blob(Bytes(chunk_bytes - 1))};
+                chunk.blobs = {Blob(Bytes(chunk_bytes - 1))};
             CHECK(failure(driver.receive(chunk)) ==
                   "machine: the scene came in chunks of a wrong size");
         }

@@ -171,11 +171,11 @@ TEST_CASE("a worker fetches a scene, renders its tiles and says goodbye") {
         broker.send(order(scene, 1));
         const auto need = broker.expect<NeedChunk>();
         CHECK(need == NeedChunk{content_hash(scene), 0});
-        broker.send(Chunk{need.blob, 0, scene.size(), {make_blob(scene)}});
+        broker.send(Chunk{need.blob, 0, scene.size(), {Blob(scene)}});
         for (int i = 0; i < 2; ++i) {
             const auto tile = broker.expect<TileRendered>();
             REQUIRE(tile.blobs.size() == 1);
-            CHECK(tile.blobs[0]->size() == 64 * 48 * 3 * 4);
+            CHECK(tile.blobs[0].size() == 64 * 48 * 3 * 4);
             CHECK(tile.rays.camera > 0);
         }
         CHECK(broker.expect<WorkerBeat>().in_flight.empty());
@@ -201,7 +201,7 @@ TEST_CASE("a worker that is told to stop hands its tile back") {
     endless.settings.aa = 256;
     broker.send(endless);
     (void)broker.expect<NeedChunk>();
-    broker.send(Chunk{content_hash(scene), 0, scene.size(), {make_blob(scene)}});
+    broker.send(Chunk{content_hash(scene), 0, scene.size(), {Blob(scene)}});
     for (std::uint64_t rays = 0; rays == 0;) { // until it is under way
         const auto beat = broker.expect<WorkerBeat>();
         broker.send(Beat{});
@@ -236,10 +236,10 @@ TEST_CASE("a worker serves two brokers with the same threads, and leaves both") 
         broker->send(quick_welcome());
         broker->send(order(scene, 0));
         (void)broker->expect<NeedChunk>();
-        broker->send(Chunk{content_hash(scene), 0, scene.size(), {make_blob(scene)}});
+        broker->send(Chunk{content_hash(scene), 0, scene.size(), {Blob(scene)}});
     }
     const auto from_a = a.expect<TileRendered>(), from_b = b.expect<TileRendered>();
-    CHECK(*from_a.blobs.at(0) == *from_b.blobs.at(0));
+    CHECK(from_a.blobs.at(0) == from_b.blobs.at(0));
 }
 
 TEST_CASE("a worker whose broker comes late finds it") {
@@ -304,7 +304,7 @@ TEST_CASE("a worker that listens serves one caller after the other") {
         caller.send(order(scene, 0));
         if (i == 0) { // it is kept for those who call later
             const auto need = caller.expect<NeedChunk>();
-            caller.send(Chunk{need.blob, 0, scene.size(), {make_blob(scene)}});
+            caller.send(Chunk{need.blob, 0, scene.size(), {Blob(scene)}});
         }
         CHECK(caller.expect<TileRendered>().blobs.size() == 1);
         if (i < 2)

@@ -69,7 +69,7 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
         while (socket.send(encode(message)) != net::SendStatus::sent)
             std::this_thread::sleep_for(1ms);
     };
-    const Blob scene = make_blob(to_bytes("a scene that nobody reads"));
+    const Blob scene = Blob(to_bytes("a scene that nobody reads"));
     const auto columns =
         static_cast<std::uint32_t>(std::ceil(std::sqrt(static_cast<double>(tiles))));
     const std::uint32_t rows = (tiles + columns - 1) / columns;
@@ -77,8 +77,8 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
     say(ClientHello{"bench", "0"});
     say(SubmitJob{.job = job,
                   .job_name = "bench",
-                  .scene = content_hash(*scene),
-                  .scene_bytes = scene->size(),
+                  .scene = content_hash(scene),
+                  .scene_bytes = scene.size(),
                   .settings = {.size = size, .crop = {0, 0, size.width, size.height}},
                   .tile_side = tile_side,
                   .wishes = {}});
@@ -89,7 +89,7 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
             if (!message)
                 fail(message.error().message);
             if (const auto* need = std::get_if<NeedChunk>(&*message))
-                say(Chunk{need->blob, 0, scene->size(), {scene}});
+                say(Chunk{need->blob, 0, scene.size(), {scene}});
             if (const auto* refused = std::get_if<Refused>(&*message))
                 fail(refused->reason);
             if (const auto* state = std::get_if<JobState>(&*message);
@@ -185,8 +185,8 @@ void check_answer() {
     tile.attempt = AttemptNumber{300};
     const Packet order = encode(tile);
     const auto bytes = to_bytes(answer_to(as_text(order.body)));
-    Packet packet = encode(TileRendered{.job = {}, .rays = {}, .blobs = {make_blob({})}});
-    const std::vector<Blob> frames{make_blob(packet.header), make_blob(bytes), make_blob({})};
+    Packet packet = encode(TileRendered{.job = {}, .rays = {}, .blobs = {Blob()}});
+    const std::vector<Blob> frames{Blob(packet.header), Blob(bytes), Blob()};
     const auto message = decode(frames);
     const auto* answer = message ? std::get_if<TileRendered>(&*message) : nullptr;
     if (!answer || answer->job != tile.job || answer->tile != tile.tile ||

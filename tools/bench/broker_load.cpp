@@ -91,7 +91,7 @@ std::string answer_to(std::string_view order) {
                                                                   .attempt = {},
                                                                   .rays = {.camera = 1000},
                                                                   .elapsed = 1ms,
-                                                                  .blobs = {make_blob({})}})
+                                                                  .blobs = {Blob()}})
                                                   .body);
     std::size_t end = array + job;
     end += length_of_number(order[end]);
@@ -137,7 +137,7 @@ void WorkerLoad::run(const std::stop_token& stop, const std::string& endpoint) {
         send(sockets.back(), as_text(hello.body), false);
     }
     const std::string header =
-        text_of(encode(TileRendered{.job = {}, .rays = {}, .blobs = {make_blob({})}}).header);
+        text_of(encode(TileRendered{.job = {}, .rays = {}, .blobs = {Blob()}}).header);
     zmq::message_t pixels(options_.tile_bytes);
     std::vector<zmq::pollitem_t> items = items_of(sockets);
     std::vector<zmq::message_t> frames;

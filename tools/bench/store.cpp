@@ -46,7 +46,7 @@ std::vector<Blob> some_pixels(std::uint32_t size) {
         Bytes bytes(size);
         for (auto& byte : bytes)
             byte = static_cast<std::byte>(rng.next());
-        blobs.push_back(make_blob(std::move(bytes)));
+        blobs.push_back(Blob(std::move(bytes)));
     }
     return blobs;
 }
@@ -109,7 +109,7 @@ void read_all(const Arguments& arguments, Store& store, const JobId& job) {
     for (std::uint32_t i = 0; i < arguments.tiles; ++i) {
         const std::vector<TileIndex> which{TileIndex{i}};
         for (const auto& tile : must(reader.tiles(job, which))) {
-            const ContentHash hash = protocol::content_hash(*tile.blobs.front());
+            const ContentHash hash = protocol::content_hash(tile.blobs.front());
             const auto bytes = std::as_bytes(std::span(hash.bytes));
             hashes.insert(hashes.end(), bytes.begin(), bytes.end());
         }

@@ -41,7 +41,7 @@ struct Net {
         }
         for (std::size_t i = 0; i < dealer_count; ++i) {
             const RoutedMessage message = next();
-            peers[std::stoul(std::string(as_text(*message.frames.at(1))))] = message.peer;
+            peers[std::stoul(std::string(as_text(message.frames.at(1))))] = message.peer;
         }
     }
     RoutedMessage next() {

@@ -23,7 +23,7 @@ std::vector<Blob> pixels(const PixelRect& rect, std::uint64_t pixel_bytes, std::
                     bytes.push_back(at(x, y, plane, b));
     std::vector<Blob> blobs;
     for (std::size_t begin = 0; begin < bytes.size(); begin += cut)
-        blobs.push_back(make_blob(Bytes(
+        blobs.push_back(Blob(Bytes(
             bytes.begin() + static_cast<std::ptrdiff_t>(begin),
             bytes.begin() + static_cast<std::ptrdiff_t>(std::min(begin + cut, bytes.size())))));
     return blobs;
@@ -51,7 +51,7 @@ TEST_CASE("the pixels of a part are those that a tile of its size would have, in
         const auto want = pixels(part, pixel_bytes, chunk_bytes);
         REQUIRE(got.size() == want.size());
         for (std::size_t i = 0; i < got.size(); ++i)
-            CHECK((*got[i] == *want[i]));
+            CHECK((got[i] == want[i]));
     });
 }
 
@@ -72,7 +72,7 @@ TEST_CASE("what is put together from parts, some of them twice, is the whole") {
             std::swap(parts[i - 1], parts[number(i)]);
         for (const PixelRect& part : parts)
             planes.place(part, pixels(part, pixel_bytes, 1 + rng.below(900)));
-        CHECK((*planes.blobs(area).at(0) == *pixels(area, pixel_bytes, chunk_bytes).at(0)));
+        CHECK((planes.blobs(area).at(0) == pixels(area, pixel_bytes, chunk_bytes).at(0)));
     });
 }
 
@@ -80,7 +80,20 @@ TEST_CASE("the pixels of a large part are cut every chunk_bytes") {
     const PixelRect rect{0, 0, 400, 300}, part{1, 1, 300, 299};
     const auto got = pixels_of_part(pixels(rect, 12, chunk_bytes), rect, part, 12);
     REQUIRE(got.size() == 3);
-    CHECK(got[0]->size() == chunk_bytes);
+    CHECK(got[0].size() == chunk_bytes);
+}
+
+TEST_CASE("floats may be cut between blobs; what is no whole float is left out") {
+    const float floats[] = {1.5f, -2.0f, 0.25f};
+    const auto all = std::as_bytes(std::span(floats));
+    const auto cut = [&](std::size_t begin, std::size_t end) {
+        return Blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
+                          all.begin() + static_cast<std::ptrdiff_t>(end)));
+    };
+    CHECK(floats_of({cut(0, 3), cut(3, 9), cut(9, 12)}) ==
+          std::vector<float>(std::begin(floats), std::end(floats)));
+    CHECK(floats_of({cut(0, 5), cut(5, 11)}) == std::vector{1.5f, -2.0f});
+    CHECK(floats_of({}).empty());
 }
 
 } // namespace
