@@ -93,8 +93,7 @@ void Branch::take(const OrderFilled& filled, std::uint64_t threads) {
     orders_.erase(order);
     order_of_.erase(given.ticket);
     const double power = static_cast<double>(std::max<std::uint64_t>(threads, 1)) / branch_threads;
-    const auto elapsed = std::chrono::duration_cast<Duration>(
-        std::chrono::duration<double>(seconds(filled.render_time) / power));
+    const auto elapsed = from_seconds(seconds(filled.render_time) / power);
     std::vector<Blob> blobs = filled.probe;
     if (!filled.parts.empty()) {
         protocol::PixelPlanes pixels(given.rect, given.pixel_bytes);

@@ -204,7 +204,7 @@ private:
     void count_capacity(WorkerSession& worker);
 
     // newcomers.cpp: whether more workers would help
-    [[nodiscard]] bool newcomers_help(Job& job) const;
+    [[nodiscard]] bool newcomers_help(const Job& job) const;
     [[nodiscard]] double capacity_at(const Job& job) const;
     [[nodiscard]] Duration head_start(const Job& job) const;
     void hold_back(Job& job);

@@ -209,7 +209,7 @@ public:
     bool is_kept = false;       ///< the store has it, or will
     bool is_being_kept = false; ///< and it is acknowledged then
     bool holds_scene = false;   ///< counted in the blob store
-    /// Since when a tile is left to those who have the scene.
+    /// Since when tiles are left to those who have the scene: once, and not for long.
     std::optional<Instant> held_since;
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }

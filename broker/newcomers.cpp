@@ -21,7 +21,7 @@ constexpr std::size_t added_up_max = 64;
 /// Films are left out, as whoever draws a frame is new to it; pictures with a time limit, for which
 /// there is always more to do; the schedules that deal out once for all; orders, whose number the
 /// broker above has in its hand; and jobs of which something has failed or was late.
-bool Dispatcher::newcomers_help(Job& job) const {
+bool Dispatcher::newcomers_help(const Job& job) const {
     const SubmitJob& s = job.submission();
     if (job.party().is_film() || is_order(job) || s.settings.limited_in_time() ||
         s.wishes.schedule != Schedule::demand || !speed_.is_known() || job.has_failures() ||
@@ -31,11 +31,8 @@ bool Dispatcher::newcomers_help(Job& job) const {
     // Others want the farm, too.
     const double left = job.costs().left() * (job.costs().is_blank() ? doubt_blank : doubt) *
                         static_cast<double>(ready_.group_count());
-    if (left > seconds(start) * capacity_ || left > seconds(start) * capacity_at(job)) {
-        job.held_since.reset();
-        return true;
-    }
-    return job.held_since && !is_held_back(job); // it was thought to be over by now
+    return left > seconds(start) * capacity_ || left > seconds(start) * capacity_at(job) ||
+           (job.held_since && !is_held_back(job)); // it was thought to be over by now
 }
 
 /// Of those who are at it.
@@ -56,9 +53,8 @@ double Dispatcher::capacity_at(const Job& job) const {
 
 /// What somebody new needs for the smallest tile.
 Duration Dispatcher::head_start(const Job& job) const {
-    const auto tile =
-        std::chrono::duration_cast<Duration>(std::chrono::duration<double>(tile_time_min_s()));
-    return std::min(fetch_times_.of(job.submission().scene) + tile, limits_.held_back_max);
+    return std::min(fetch_times_.of(job.submission().scene) + from_seconds(tile_time_min_s()),
+                    limits_.held_back_max);
 }
 
 /// To be called where nobody who may have a tile of it has room.

@@ -63,9 +63,8 @@ void Dispatcher::append_ends(const PeerId& peer, const WorkerSession& worker,
         if (grant->id != OpenTileId::none && job != jobs_.end() && !job->second.is_dealt_out() &&
             job->second.phase == JobPhase::running && job->second.can_overbook(grant->id) &&
             job->second.assigned_as(grant->id, key->attempt))
-            late.push_back({std::chrono::duration_cast<Duration>(
-                                std::chrono::duration<double>(std::min(end_s, 1e6))),
-                            key->job, grant->id, grant->work, peer});
+            late.push_back(
+                {from_seconds(std::min(end_s, 1e6)), key->job, grant->id, grant->work, peer});
     }
 }
 
@@ -112,8 +111,7 @@ Dispatcher::Help Dispatcher::help_for(const Late& late, const Job& job,
 void Dispatcher::help_out() {
     // It looks at all tiles: so not more often than these should end, whatever happens meanwhile.
     const double pause_s = std::min(tile_time_min_s(), seconds(limits_.overbook_interval));
-    const Instant soon = overbooked_at_ + std::chrono::duration_cast<Duration>(
-                                              std::chrono::duration<double>(pause_s));
+    const Instant soon = overbooked_at_ + from_seconds(pause_s);
     if (!changed_workers_.empty())
         next_overbook_ = std::min(next_overbook_, soon);
     if (now_ < next_overbook_ || !speed_.is_known() || !somebody_is_idle())

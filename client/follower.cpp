@@ -212,8 +212,7 @@ protocol::TileDone Follower::part_of(const protocol::TileDone& tile,
              ...);
         },
         protocol::Rays::fields());
-    part.elapsed =
-        Duration(static_cast<Duration::rep>(share * static_cast<double>(tile.elapsed.count())));
+    part.elapsed = from_seconds(share * seconds(tile.elapsed));
     return part;
 }
 

@@ -80,8 +80,7 @@ void ProgressMeter::update(const protocol::JobState& s) {
 
     view_.remaining.reset();
     if (!is_over(s.phase) && view_.share > 0 && s.elapsed >= remaining_known_after)
-        view_.remaining = Duration(static_cast<Duration::rep>(
-            static_cast<double>(s.elapsed.count()) * (1 - view_.share) / view_.share));
+        view_.remaining = from_seconds(seconds(s.elapsed) * (1 - view_.share) / view_.share);
 }
 
 bool PlainPace::is_due(Instant now, unsigned percent) {

@@ -236,8 +236,7 @@ void Session::hello(Turn& turn) {
     ++unanswered_hellos_;
     last_hello_ = turn.now;
     const double pause_s = seconds(hello_pause_) * rng_.between(0.5, 1.0);
-    next_hello_ =
-        turn.now + std::chrono::duration_cast<Duration>(std::chrono::duration<double>(pause_s));
+    next_hello_ = turn.now + from_seconds(pause_s);
     hello_pause_ = std::min(2 * hello_pause_, limits_.hello_pause_max);
 }
 

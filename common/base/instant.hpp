@@ -22,5 +22,14 @@ struct Instant {
 [[nodiscard]] inline double seconds(Duration d) {
     return std::chrono::duration<double>(d).count();
 }
+/// Rounded towards zero; beyond what a Duration holds (292 years) the largest, or the smallest.
+[[nodiscard]] inline Duration from_seconds(double s) {
+    constexpr double largest_s = 9'223'372'036; // below 2^63 nanoseconds
+    if (!(s < largest_s))
+        return Duration::max();
+    if (s < -largest_s)
+        return Duration::min();
+    return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(s));
+}
 
 } // namespace fraja

@@ -114,8 +114,7 @@ private:
             return;
         const double s = rays(machine.waiting.front()) / machine.speed;
         busy_s_ += s;
-        machine.ends =
-            farm_.now + std::chrono::duration_cast<Duration>(std::chrono::duration<double>(s));
+        machine.ends = farm_.now + from_seconds(s);
     }
     void answer(Machine& machine) {
         const RenderTile tile = machine.waiting.front();
@@ -128,8 +127,7 @@ private:
                 return honest_ ? cost_({r.x + r.width / 2, r.y + r.height / 2, 1, 1}) : 1;
             });
         answer.rays.camera = static_cast<std::uint64_t>(rays(tile));
-        answer.elapsed = std::chrono::duration_cast<Duration>(
-            std::chrono::duration<double>(rays(tile) / machine.speed));
+        answer.elapsed = from_seconds(rays(tile) / machine.speed);
         farm_.say(machine.peer, answer);
     }
 

@@ -42,18 +42,22 @@ struct Learnt : Farm {
         for (int i = 2; i <= 9; ++i)
             say("b" + std::to_string(i), WorkerBeat{credit, {}, 0});
     }
-    /// Another scene, drawn by "a" alone in no time.
-    void draw_another_scene(std::uint8_t job) {
-        const Bytes other = to_bytes("scene of job " + std::to_string(job));
-        SubmitJob s = picture(job, 2);
+    JobId submit_another_scene(std::uint8_t job, std::uint32_t columns) {
+        const Bytes other = to_bytes("another scene");
+        SubmitJob s = picture(job, columns);
         s.scene = content_hash(other);
         s.scene_bytes = other.size();
-        others_have_credit(0);
         say("client", s);
         say("client", Chunk{s.scene, 0, other.size(), {Blob(other)}});
+        return s.job;
+    }
+    /// By "a" alone, in no time.
+    void draw_another_scene(std::uint8_t id) {
+        others_have_credit(0);
+        const JobId job = submit_another_scene(id, 2);
         draw_all("a");
         others_have_credit(2);
-        REQUIRE(state(s.job).phase == JobPhase::done);
+        REQUIRE(state(job).phase == JobPhase::done);
     }
     std::size_t tiles_of_others() {
         std::size_t count = 0;
@@ -218,6 +222,17 @@ TEST_CASE("who comes back with the scene at hand does not make it look small") {
     farm.draw_all("a");
     farm.others_have_credit(2);
     CHECK(farm.state(farm.submit(3, 4)).worker_count == 1);
+}
+
+TEST_CASE("who was busy when it was given a scene's first tile does not make it look large") {
+    Learnt farm(0ms);
+    farm.others_have_credit(0);
+    farm.submit(2, 1);
+    farm.submit_another_scene(3, 1);
+    REQUIRE(farm.draw("a", 900ms)); // of the first scene, while the other tile waits
+    REQUIRE(farm.draw("a"));
+    farm.others_have_credit(2);
+    CHECK(farm.state(farm.submit_another_scene(4, 4)).worker_count > 1);
 }
 
 TEST_CASE("a fetch that did not come to its end is none") {

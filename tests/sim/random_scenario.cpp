@@ -14,8 +14,7 @@ namespace {
 using namespace std::chrono_literals;
 
 Duration between(Rng& rng, Duration low, Duration high) {
-    return Duration(static_cast<Duration::rep>(
-        rng.between(static_cast<double>(low.count()), static_cast<double>(high.count()))));
+    return from_seconds(rng.between(seconds(low), seconds(high)));
 }
 
 Duration sometimes(Rng& rng, Duration low, Duration high) {
@@ -158,7 +157,7 @@ Duration alone_on_slowest(const Scenario& s) {
     for (const JobPlan& job : s.jobs)
         if (job.wishes.workers_max > 0)
             rays += job.work.rays();
-    return std::chrono::duration_cast<Duration>(std::chrono::duration<double>(rays / rays_per_s));
+    return from_seconds(rays / rays_per_s);
 }
 
 } // namespace

@@ -1,0 +1,167 @@
+#include "common/net/frames.hpp"
+
+#include "common/protocol/limits.hpp"
+
+#include <cerrno>
+#include <memory>
+#include <span>
+#include <utility>
+
+#ifdef __SANITIZE_THREAD__
+extern "C" void __tsan_release(void* address);
+extern "C" void __tsan_acquire(void* address);
+#endif
+
+namespace fraja::net {
+namespace {
+
+// The figures behind these: ARCHITECTURE.md, "Socket options".
+constexpr std::size_t shared_bytes_min = 4'096; // of a blob; less is copied
+/// libzmq's own: smaller frames may lie in one with others, and would keep all of it.
+constexpr std::size_t receive_buffer_bytes = 8'192;
+
+// A message that goes by inproc is handed from thread to thread by libzmq, which Debian builds
+// without the thread sanitizer: so it is told where a message is given away and where it is taken.
+void gives_away([[maybe_unused]] void* data) {
+#ifdef __SANITIZE_THREAD__
+    __tsan_release(data);
+#endif
+}
+void takes([[maybe_unused]] void* data) {
+#ifdef __SANITIZE_THREAD__
+    __tsan_acquire(data);
+#endif
+}
+
+std::span<const std::byte> bytes_of(const zmq::message_t& frame) {
+    return {static_cast<const std::byte*>(frame.data()), frame.size()};
+}
+
+} // namespace
+
+bool take(zmq::socket_t& socket, zmq::message_t& frame) {
+    try {
+        if (!socket.recv(frame, zmq::recv_flags::dontwait))
+            return false;
+        takes(frame.data());
+        return true;
+    } catch (const zmq::error_t& e) {
+        if (e.num() == EINTR)
+            return false;
+        throw;
+    }
+}
+
+Blob blob_of(zmq::message_t frame) {
+    if (frame.size() <= receive_buffer_bytes) {
+        const auto bytes = bytes_of(frame);
+        return Blob(Bytes(bytes.begin(), bytes.end()));
+    }
+    const auto owner = std::make_shared<const zmq::message_t>(std::move(frame));
+    return {owner, bytes_of(*owner)};
+}
+
+// libzmq bounds the size of a frame, not their number: what is beyond the limit is taken and
+// dropped one by one.
+Frames take_rest(zmq::socket_t& socket, bool more) {
+    Frames frames;
+    frames.reserve(3); // header, body, and most often one blob
+    while (more) {
+        zmq::message_t frame;
+        if (!take(socket,
+                  frame)) // the parts of a message arrive together, but a signal may interrupt
+            continue;
+        more = frame.more();
+        if (frames.size() <= protocol::message_frames_max)
+            frames.push_back(blob_of(std::move(frame)));
+    }
+    return frames;
+}
+
+namespace {
+
+/// `make()` is the frame, and is called again if a signal interrupts.
+template <class Make>
+SendStatus send_frame(zmq::socket_t& socket, Make make, bool more) {
+    const auto flags =
+        zmq::send_flags::dontwait | (more ? zmq::send_flags::sndmore : zmq::send_flags::none);
+    for (;;) {
+        try {
+            zmq::message_t frame = make();
+            gives_away(frame.data());
+            return socket.send(frame, flags) ? SendStatus::sent : SendStatus::full;
+        } catch (const zmq::error_t& e) {
+            if (e.num() == EHOSTUNREACH)
+                return SendStatus::unreachable;
+            if (e.num() != EINTR)
+                throw;
+        }
+    }
+}
+
+SendStatus send_copy(zmq::socket_t& socket, const void* data, std::size_t size, bool more) {
+    return send_frame(
+        socket, [&] { return zmq::message_t(data, size); }, more);
+}
+
+/// libzmq has sent it, or gives it up; in a thread of its own.
+void let_go(void*, void* kept) {
+    takes(kept);
+    delete static_cast<Blob*>(kept);
+}
+
+/// What is large is not copied: it stays as long as libzmq needs it.
+SendStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
+    if (blob.size() < shared_bytes_min)
+        return send_copy(socket, blob.data(), blob.size(), more);
+    return send_frame(
+        socket,
+        [&] {
+            auto kept = std::make_unique<Blob>(blob);
+            gives_away(kept.get());
+            // libzmq takes a pointer to what may be changed, and changes nothing.
+            zmq::message_t frame(const_cast<std::byte*>(blob.data()), blob.size(), let_go,
+                                 kept.get());
+            (void)kept.release();
+            return frame;
+        },
+        more);
+}
+
+} // namespace
+
+// Only the first frame of a message can be refused; the rest then follows
+// it. (After a refused routing id a body sent alone would be swallowed in silence: hence the early
+// return.)
+SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> envelope,
+                       const protocol::Packet& packet) {
+    if (envelope) {
+        const auto first = send_copy(socket, envelope->data(), envelope->size(), true);
+        if (first != SendStatus::sent)
+            return first;
+    }
+    const auto first = send_copy(socket, packet.header.data(), packet.header.size(), true);
+    if (first != SendStatus::sent)
+        return first;
+    bool whole = send_copy(socket, packet.body.data(), packet.body.size(), !packet.blobs.empty()) ==
+                 SendStatus::sent;
+    for (std::size_t i = 0; i < packet.blobs.size(); ++i)
+        whole =
+            send_blob(socket, packet.blobs[i], i + 1 < packet.blobs.size()) == SendStatus::sent &&
+            whole;
+    // A connection that ends between two frames of a message takes the whole message with it.
+    return whole ? SendStatus::sent : SendStatus::unreachable;
+}
+
+SendStatus send_probe(zmq::socket_t& socket, std::string_view peer) {
+    const auto status = send_copy(socket, peer.data(), peer.size(), true);
+    if (status == SendStatus::sent)
+        (void)send_copy(socket, nullptr, 0, false);
+    return status;
+}
+
+bool is_probe(const Frames& frames) {
+    return frames.size() == 1 && frames.front().empty();
+}
+
+} // namespace fraja::net
