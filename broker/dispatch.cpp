@@ -85,7 +85,8 @@ void Dispatcher::offer_to_changed_workers() {
                 if (!suits(worker->second, peer, *group.party))
                     return false;
                 const Job& first = jobs_.at(group.places.begin()->job);
-                return !is_held_back(first) || has_scene(worker->second, first.submission().scene);
+                return !is_held_back(first) || newcomers_help(first) ||
+                       has_scene(worker->second, first.submission().scene);
             });
     }
 }

@@ -33,9 +33,9 @@ struct Limits {
     std::uint32_t attempts_max = 3;          ///< failures of one tile before its job fails
     std::uint64_t dealt_cells_max = 65'536;  ///< of a job of fixed tiles that is dealt out at once
     std::uint64_t probe_squares_max = 1'024; ///< in a probe of a picture
-    /// Subscribed job topics that are remembered; nothing is published on further ones. Of all
-    /// watchers together: the stream does not tell who subscribes. Watchers are clients, too, if
-    /// they are to see anything that they have missed, and so within clients_max.
+    /// Different topics that are subscribed to, of all watchers together: the stream does not tell
+    /// who subscribes. Beyond, all are cut off. Each watcher has up to three, and is a client, too,
+    /// if it is to see anything that it has missed, and so within clients_max.
     std::size_t topics_max = 20'000;
     std::uint32_t repair_tiles_max = 256; ///< in one answer
     std::uint64_t repair_bytes_max = std::uint64_t{4}

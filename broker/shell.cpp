@@ -153,7 +153,13 @@ private:
     }
 
     bool take_subscription() {
+        const std::uint64_t cut_off_before = publisher_.cut_off_count();
         auto change = publisher_.receive();
+        if (publisher_.cut_off_count() > cut_off_before)
+            log(LogLevel::warning,
+                "more than " + std::to_string(options_.limits.topics_max) +
+                    " topics were subscribed to: all subscribers of the stream were "
+                    "cut off; those that mean it come back by themselves");
         if (!change)
             return false;
         if (change->subscribed)
@@ -267,7 +273,7 @@ Result<void> run_broker(const net::Context& context, const Options& options,
     for (const std::string& worker : options.call)
         if (auto called = router->call(worker); !called)
             return called.error();
-    auto publisher = net::PublisherSocket::bind(context, *publish);
+    auto publisher = net::PublisherSocket::bind(context, *publish, options.limits.topics_max);
     if (!publisher)
         return publisher.error();
     if (options.on_listening)

@@ -14,8 +14,7 @@ void Dispatcher::on(const TopicSubscribed& event) {
     if (const auto nonce = topic_id<Nonce>('N', event.topic)) {
         actions_->push_back(Publish{event.topic, Barrier{*nonce, identity_.epoch}});
     } else if (const auto job = topic_id<JobId>('J', event.topic)) {
-        if (subscribed_jobs_.size() < limits_.topics_max)
-            subscribed_jobs_.insert(*job);
+        subscribed_jobs_.insert(*job);
     } else if (event.topic == farm_topic) {
         farm_subscribed_ = true;
         next_farm_state_ = now_;

@@ -159,7 +159,7 @@ std::string submit_json(const SubmissionReport& r) {
         json["render_s"] = seconds(r.job.render_time);
         json["elapsed_s"] = seconds(r.job.elapsed);
     }
-    json["wall_s"] = std::chrono::duration<double>(r.finished - r.started).count();
+    json["wall_s"] = seconds(r.finished - r.started);
     json["started"] = rfc3339(r.started);
     json["finished"] = rfc3339(r.finished);
     return dumped(json);
@@ -191,7 +191,7 @@ std::string film_json(const FilmReport& r) {
         frames.push_back(std::move(one));
     }
     json["frames"] = std::move(frames);
-    json["wall_s"] = std::chrono::duration<double>(r.finished - r.started).count();
+    json["wall_s"] = seconds(r.finished - r.started);
     json["started"] = rfc3339(r.started);
     json["finished"] = rfc3339(r.finished);
     return dumped(json);

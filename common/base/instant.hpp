@@ -22,7 +22,8 @@ struct Instant {
 [[nodiscard]] inline double seconds(Duration d) {
     return std::chrono::duration<double>(d).count();
 }
-/// Rounded towards zero; beyond what a Duration holds (292 years) the largest, or the smallest.
+/// Rounded towards zero; beyond what a Duration holds (292 years) the largest, or the smallest. NaN
+/// is the largest.
 [[nodiscard]] inline Duration from_seconds(double s) {
     constexpr double largest_s = 9'223'372'036; // below 2^63 nanoseconds
     if (!(s < largest_s))

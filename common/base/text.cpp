@@ -123,8 +123,10 @@ std::optional<std::uint64_t> parse_byte_size(std::string_view text) {
 }
 
 std::string format_duration(Duration d) {
-    const auto total =
-        std::max<std::int64_t>(0, std::chrono::round<std::chrono::seconds>(d).count());
+    using namespace std::chrono_literals;
+    // Rounding looks at the second above, for which the largest has no room.
+    const Duration bounded = std::clamp<Duration>(d, Duration::zero(), Duration::max() - 1s);
+    const std::int64_t total = std::chrono::round<std::chrono::seconds>(bounded).count();
     const auto two = [](std::int64_t n) {
         return std::string(n < 10 ? "0" : "") + std::to_string(n);
     };

@@ -24,6 +24,8 @@ constexpr int router_queue_max =
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
+/// A topic has 33, a handshake with keys some 400; libzmq needs up to 40 bytes to keep one.
+constexpr std::int64_t subscriber_frame_bytes_max = 512;
 constexpr std::size_t callers_max = 1'000; // that wait for their turn
 constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
@@ -303,36 +305,93 @@ void DealerSocket::set_linger(Duration linger) {
 
 // ----------------------------------------------------------------------------------- XPUB and SUB
 
-Result<PublisherSocket> PublisherSocket::bind(const Context& context, const std::string& endpoint) {
+namespace {
+
+std::unique_ptr<SocketImpl> open_publisher(const Context& context) {
+    auto publisher = open(context, zmq::socket_type::xpub);
+    publisher->socket.set(zmq::sockopt::sndhwm, stream_queue_max);
+    publisher->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
+    publisher->socket.set(zmq::sockopt::maxmsgsize, subscriber_frame_bytes_max);
+    return publisher;
+}
+
+void bind_publisher(zmq::socket_t& socket, const std::string& endpoint) {
+    set_family_for_bind(socket, endpoint);
+    socket.bind(endpoint);
+}
+
+/// A change of subscriptions; nothing: somebody has said something else.
+std::optional<SubscriptionChange> change_of(const zmq::message_t& frame) {
+    const std::string_view text = frame.to_string_view();
+    if (text.empty() || (text[0] != 0 && text[0] != 1))
+        return std::nullopt;
+    return SubscriptionChange{std::string(text.substr(1)), text[0] == 1};
+}
+
+} // namespace
+
+PublisherSocket::PublisherSocket(std::unique_ptr<SocketImpl> impl, const Context& context,
+                                 std::size_t topics_max)
+    : Socket(std::move(impl)), context_(&context),
+      bound_(impl_->socket.get(zmq::sockopt::last_endpoint)), topics_max_(topics_max) {}
+
+Result<PublisherSocket> PublisherSocket::bind(const Context& context, const std::string& endpoint,
+                                              std::size_t topics_max) {
     try {
-        PublisherSocket publisher(open(context, zmq::socket_type::xpub));
-        publisher.impl_->socket.set(zmq::sockopt::sndhwm, stream_queue_max);
-        publisher.impl_->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
-        set_family_for_bind(publisher.impl_->socket, endpoint);
-        publisher.impl_->socket.bind(endpoint);
-        return publisher;
+        auto publisher = open_publisher(context);
+        bind_publisher(publisher->socket, endpoint);
+        return PublisherSocket(std::move(publisher), context, topics_max);
     } catch (const zmq::error_t& e) {
         return refused("publish at", endpoint, e);
     }
 }
 
-std::string PublisherSocket::endpoint() const {
-    return impl_->socket.get(zmq::sockopt::last_endpoint);
-}
-
 std::optional<SubscriptionChange> PublisherSocket::receive() {
     zmq::message_t frame;
-    while (take(impl_->socket, frame)) {
-        const std::string_view text = frame.to_string_view();
-        const bool change = !text.empty() && (text[0] == 0 || text[0] == 1);
-        SubscriptionChange result{std::string(text.substr(change ? 1 : 0)), change && text[0] == 1};
-        const bool alone = !frame.more() && change;
-        if (frame.more())
+    while (unsubscribed_.empty() && is_bound_again() && take(impl_->socket, frame)) {
+        if (frame.more()) {
             (void)take_rest(impl_->socket, true);
-        if (alone)
-            return result;
+            continue;
+        }
+        auto change = change_of(frame);
+        if (!change)
+            continue;
+        if (change->subscribed)
+            topics_.insert(change->topic);
+        else
+            topics_.erase(change->topic);
+        if (topics_.size() <= topics_max_)
+            return change;
+        topics_.erase(change->topic); // nobody has been told of it
+        cut_off_all();
     }
-    return std::nullopt;
+    if (unsubscribed_.empty())
+        return std::nullopt;
+    SubscriptionChange gone{std::move(unsubscribed_.back()), false};
+    unsubscribed_.pop_back();
+    return gone;
+}
+
+void PublisherSocket::cut_off_all() {
+    unsubscribed_.assign(topics_.begin(), topics_.end());
+    topics_.clear();
+    impl_ = open_publisher(*context_);
+    is_bound_ = false;
+    ++cut_off_count_;
+}
+
+/// The old socket lets go of its port in a thread of libzmq's: until then it is tried again.
+bool PublisherSocket::is_bound_again() {
+    if (is_bound_)
+        return true;
+    try {
+        bind_publisher(impl_->socket, bound_);
+        is_bound_ = true;
+    } catch (const zmq::error_t& e) {
+        if (e.num() != EADDRINUSE)
+            throw;
+    }
+    return is_bound_;
 }
 
 void PublisherSocket::publish(std::string_view topic, const protocol::Packet& packet) {

@@ -1,5 +1,5 @@
-// The sockets: the only code that knows ZeroMQ. Options and their reasons are those of
-// ARCHITECTURE.md.
+// The sockets: with frames.hpp, the only code that knows ZeroMQ. Options and their reasons are
+// those of ARCHITECTURE.md.
 //
 // A socket belongs to one thread at a time. Nothing here blocks but `wait`.
 #pragma once
@@ -14,6 +14,7 @@
 #include <initializer_list>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -149,18 +150,35 @@ struct SubscriptionChange {
     bool subscribed = false; ///< the first subscriber came; false: the last one left
 };
 
-/// The broker's side of the stream.
+/// The broker's side of the stream. libzmq keeps every topic that anybody subscribes to, and does
+/// not tell who it was: so when there are more than `topics_max`, all subscribers are cut off, and
+/// their topics are unsubscribed. Whoever means it comes back and subscribes anew.
 class PublisherSocket : public Socket {
 public:
-    [[nodiscard]] static Result<PublisherSocket> bind(const Context& context,
-                                                      const std::string& endpoint);
-    [[nodiscard]] std::string endpoint() const;
+    /// Errors: as RouterSocket::bind. The context stays where it is.
+    [[nodiscard]] static Result<PublisherSocket>
+    bind(const Context& context, const std::string& endpoint, std::size_t topics_max);
+    /// Where it is really bound: port 0 is replaced.
+    [[nodiscard]] const std::string& endpoint() const { return bound_; }
     [[nodiscard]] std::optional<SubscriptionChange> receive();
     /// Never waits: subscribers that are too slow lose the message.
     void publish(std::string_view topic, const protocol::Packet& packet);
+    /// How often all were cut off.
+    [[nodiscard]] std::uint64_t cut_off_count() const { return cut_off_count_; }
 
 private:
-    using Socket::Socket;
+    PublisherSocket(std::unique_ptr<SocketImpl> impl, const Context& context,
+                    std::size_t topics_max);
+    void cut_off_all();
+    [[nodiscard]] bool is_bound_again();
+
+    const Context* context_;
+    std::string bound_;
+    std::size_t topics_max_;
+    std::set<std::string> topics_;          ///< that have a subscriber
+    std::vector<std::string> unsubscribed_; ///< of those who were cut off, to be told
+    bool is_bound_ = true;                  ///< not until its port is free again
+    std::uint64_t cut_off_count_ = 0;
 };
 
 struct PublishedMessage {

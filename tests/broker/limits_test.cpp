@@ -391,16 +391,3 @@ TEST_CASE("the farm's state fits in a frame however long its names and reasons a
     CHECK(states.back().jobs[0].reason.size() == farm.limits.farm_reason_bytes_max);
     CHECK(encode(states.back()).body.size() <= frame_bytes_max);
 }
-
-TEST_CASE("subscriptions beyond topics_max get no digests") {
-    Limits limits;
-    limits.topics_max = 1;
-    Farm farm(limits);
-    farm.subscribe(id_of<JobId>(1));
-    farm.subscribe(id_of<JobId>(2));
-    farm.submit(1, 1);
-    farm.submit(2, 1);
-    farm.pass(1s);
-    CHECK_FALSE(farm.published<JobState>(job_topic(id_of<JobId>(1))).empty());
-    CHECK(farm.published<JobState>(job_topic(id_of<JobId>(2))).empty());
-}

@@ -33,7 +33,12 @@ std::string greeting() {
 }
 
 std::string frame(int flags, const std::string& body) {
-    return std::string{static_cast<char>(flags), static_cast<char>(body.size())} + body;
+    if (body.size() < 256)
+        return std::string{static_cast<char>(flags), static_cast<char>(body.size())} + body;
+    std::string head{static_cast<char>(flags | 2)}; // its length has eight bytes
+    for (int shift = 56; shift >= 0; shift -= 8)
+        head += static_cast<char>(body.size() >> shift & 255);
+    return head + body;
 }
 
 std::string ready(const std::string& socket_type) {
@@ -59,7 +64,9 @@ std::string speech(Rng& rng) {
     default: {
         std::string bytes = greeting() + ready(rng.below(2) == 0 ? "DEALER" : "SUB");
         for (std::uint64_t i = rng.below(8); i > 0; --i)
-            bytes += frame(static_cast<int>(rng.below(2)), noise(rng, rng.below(100)));
+            bytes += rng.below(2) == 0
+                         ? frame(static_cast<int>(rng.below(2)), noise(rng, rng.below(100)))
+                         : frame(0, '\1' + noise(rng, rng.below(600))); // a topic, or too long
         return bytes;
     }
     }

@@ -131,10 +131,7 @@ private:
             return now_ >= Instant{} + p.first && now_ < Instant{} + p.second;
         });
     }
-    Duration delay(Duration most) {
-        return Duration(
-            static_cast<Duration::rep>(rng_.unit() * static_cast<double>(most.count())));
-    }
+    Duration delay(Duration most) { return from_seconds(rng_.unit() * seconds(most)); }
 
     void advance(Core& core) {
         Instant next = core.next_deadline();

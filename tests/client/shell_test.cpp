@@ -24,7 +24,8 @@ class FourTileBroker {
 public:
     FourTileBroker(const net::Context& context, const std::string& bind, const std::string& publish)
         : router_(*net::RouterSocket::bind(context, bind)),
-          publisher_(*net::PublisherSocket::bind(context, publish)), endpoint_(router_.endpoint()),
+          publisher_(*net::PublisherSocket::bind(context, publish, 1'000)),
+          endpoint_(router_.endpoint()),
           thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
     [[nodiscard]] const std::string& endpoint() const { return endpoint_; }

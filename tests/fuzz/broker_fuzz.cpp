@@ -40,7 +40,6 @@ broker::Limits small_limits() {
     limits.stored_bytes_max = 200'000;
     limits.client_bytes_max = 150'000;
     limits.blob_bytes_max = 600'000;
-    limits.topics_max = 3;
     limits.repair_tiles_max = 8;
     limits.repair_bytes_max = 2'000;
     limits.farm_jobs_max = 3;

@@ -50,8 +50,7 @@ struct Farm {
         return id;
     }
     [[nodiscard]] Duration between(Duration low, Duration high) {
-        return low + Duration(static_cast<Duration::rep>(
-                         rng.unit() * static_cast<double>((high - low).count())));
+        return low + from_seconds(rng.unit() * seconds(high - low));
     }
     /// Of a message.
     [[nodiscard]] Duration delay() {
@@ -70,8 +69,7 @@ struct Farm {
     void every(Duration mean, F deed) {
         if (mean <= Duration::zero())
             return;
-        const Duration pause(static_cast<Duration::rep>(-std::log(1 - rng.unit()) *
-                                                        static_cast<double>(mean.count())));
+        const Duration pause = from_seconds(-std::log(1 - rng.unit()) * seconds(mean));
         if (now() + pause >= Instant{} + scenario.faults.heals_at)
             return;
         agenda.after(pause, [this, mean, deed] {

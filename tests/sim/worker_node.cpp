@@ -153,7 +153,7 @@ void WorkerNode::render(worker::StartTile&& tile) {
     WorkerReport& report = farm_.report.workers[index_];
     report.first_start = std::min(report.first_start, farm_.now().since_start);
     const double rays = rays_of(tile);
-    const Duration time(static_cast<Duration::rep>(rays / plan_.rays_per_s * 1e9));
+    const Duration time = from_seconds(rays / plan_.rays_per_s);
     farm_.agenda.after(
         time, [this, life = process_.life, tile = std::move(tile), time, rays]() mutable {
             if (process_.life != life)

@@ -61,6 +61,9 @@ TEST_CASE("format_duration writes minutes and, when there are any, hours") {
     CHECK(format_duration(727s) == "12:07");
     CHECK(format_duration(3723s) == "1:02:03");
     CHECK(format_duration(-5s) == "0:00");
+    CHECK(format_duration(59'600ms) == "1:00");
+    CHECK(format_duration(Duration::min()) == "0:00");
+    CHECK(format_duration(Duration::max()) == "2562047:47:16");
 }
 
 TEST_CASE("nearest_name finds slips and nothing far away") {

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <doctest/doctest.h>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 
@@ -57,6 +58,77 @@ TEST_CASE("a message goes from dealer to router and back with its blobs") {
         CHECK(router->send(question.peer, packet("answer")) == SendStatus::sent);
         CHECK(as_text(receive(*dealer)[1]) == "answer");
     }
+}
+
+TEST_CASE("more topics than there may be cut all subscribers off, and honest ones come back") {
+    const Context context;
+    constexpr std::size_t topics_max = 3;
+    auto publisher = PublisherSocket::bind(context, "tcp://127.0.0.1:0", topics_max);
+    REQUIRE(publisher.has_value());
+    const std::string endpoint = publisher->endpoint();
+    std::set<std::string> topics;
+    const auto take_changes = [&] {
+        while (const auto change = publisher->receive()) {
+            if (change->subscribed)
+                CHECK(topics.insert(change->topic).second);
+            else
+                CHECK(topics.erase(change->topic) == 1);
+            CHECK(topics.size() <= topics_max);
+        }
+    };
+    auto honest = SubscriberSocket::connect(context, endpoint);
+    REQUIRE(honest.has_value());
+    // A subscriber that is not looked at does not see that it has to subscribe again.
+    const auto await_topics = [&](const std::set<std::string>& wanted) {
+        take_changes();
+        for (int i = 0; i < 500 && topics != wanted; ++i, take_changes())
+            wait({*publisher, *honest}, 10ms);
+        CHECK((topics == wanted));
+    };
+    honest->subscribe("honest");
+    await_topics({"honest"});
+    {
+        auto hostile = SubscriberSocket::connect(context, endpoint);
+        REQUIRE(hostile.has_value());
+        hostile->subscribe("a");
+        hostile->subscribe("b");
+        await_topics({"honest", "a", "b"});
+        CHECK(publisher->cut_off_count() == 0);
+        hostile->subscribe("c");
+        for (int i = 0; i < 500 && publisher->cut_off_count() == 0; ++i, take_changes())
+            wait({*publisher}, 10ms);
+        CHECK(publisher->cut_off_count() == 1);
+    }
+    await_topics({"honest"});
+    CHECK(publisher->endpoint() == endpoint);
+    publisher->publish("honest", packet("still here"));
+    std::optional<PublishedMessage> heard;
+    for (int i = 0; i < 500 && !(heard = honest->receive()); ++i)
+        wait({*honest}, 10ms);
+    REQUIRE(heard.has_value());
+    CHECK(as_text(heard->frames.at(1)) == "still here");
+}
+
+TEST_CASE("a topic that is no topic of ours for its length ends its connection") {
+    const Context context;
+    auto publisher = PublisherSocket::bind(context, "tcp://127.0.0.1:0", 10);
+    REQUIRE(publisher.has_value());
+    auto subscriber = SubscriberSocket::connect(context, publisher->endpoint());
+    REQUIRE(subscriber.has_value());
+    subscriber->subscribe(
+        std::string(500, 'x')); // with what says that it is subscribed to, less than 512
+    std::optional<SubscriptionChange> change;
+    for (int i = 0; i < 500 && !(change = publisher->receive()); ++i)
+        wait({*publisher}, 10ms);
+    REQUIRE(change.has_value());
+    CHECK(change->topic.size() == 500);
+    subscriber->subscribe(std::string(512, 'y'));
+    change.reset();
+    for (int i = 0; i < 500 && !(change = publisher->receive()); ++i)
+        wait({*publisher}, 10ms);
+    REQUIRE(change.has_value()); // the connection is gone, and its topics with it
+    CHECK_FALSE(change->subscribed);
+    CHECK(change->topic[0] == 'x');
 }
 
 TEST_CASE("what has been received stays when the sockets are gone, whatever its size") {
@@ -318,7 +390,7 @@ TEST_CASE("a router that calls greets whoever connects to it with nothing to hea
 
 TEST_CASE("subscribers get their topics and the publisher hears of them") {
     const Context context;
-    auto publisher = PublisherSocket::bind(context, "tcp://127.0.0.1:0");
+    auto publisher = PublisherSocket::bind(context, "tcp://127.0.0.1:0", 1'000);
     REQUIRE(publisher.has_value());
     auto subscriber = SubscriberSocket::connect(context, publisher->endpoint());
     REQUIRE(subscriber.has_value());
@@ -342,7 +414,7 @@ TEST_CASE("subscriptions arrive in the order in which they were made") {
     std::string taken;
     {
         const Context context;
-        taken = PublisherSocket::bind(context, "tcp://127.0.0.1:0")->endpoint();
+        taken = PublisherSocket::bind(context, "tcp://127.0.0.1:0", 1'000)->endpoint();
     }
     for (const std::string& endpoint : {taken, std::string("inproc://late-publisher")}) {
         CAPTURE(endpoint);
@@ -351,7 +423,7 @@ TEST_CASE("subscriptions arrive in the order in which they were made") {
         REQUIRE(subscriber.has_value());
         subscriber->subscribe("J1");
         subscriber->subscribe("N2");
-        auto publisher = PublisherSocket::bind(context, endpoint);
+        auto publisher = PublisherSocket::bind(context, endpoint, 1'000);
         REQUIRE(publisher.has_value());
         CHECK(receive(*publisher).topic == "J1");
         CHECK(receive(*publisher).topic == "N2");
@@ -366,7 +438,7 @@ TEST_CASE("binding a taken or impossible endpoint is an error with its name") {
     REQUIRE_FALSE(second.has_value());
     CHECK(second.error().code == ErrorCode::io);
     CHECK(second.error().message.find(first->endpoint()) != std::string::npos);
-    CHECK_FALSE(PublisherSocket::bind(context, "nonsense").has_value());
+    CHECK_FALSE(PublisherSocket::bind(context, "nonsense", 1'000).has_value());
     CHECK_FALSE(DealerSocket::connect(context, "nonsense").has_value());
     CHECK_FALSE(CalleeSocket::bind(context, first->endpoint()).has_value());
     CHECK_FALSE(first->call("nonsense").has_value());
