@@ -24,8 +24,9 @@ constexpr int router_queue_max =
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
-/// A topic has 33, a handshake with keys some 400; libzmq needs up to 40 bytes to keep one.
-constexpr std::int64_t subscriber_frame_bytes_max = 512;
+constexpr std::int64_t subscriber_frame_bytes_max = 512; // a handshake with keys has some 400
+/// Of all topics there may be; ours have 33. libzmq needs some 40 bytes to keep one of them.
+constexpr std::size_t topic_bytes_mean_max = 64;
 constexpr std::size_t callers_max = 1'000; // that wait for their turn
 constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
@@ -356,11 +357,11 @@ std::optional<SubscriptionChange> PublisherSocket::receive() {
         auto change = change_of(frame);
         if (!change)
             continue;
-        if (change->subscribed)
-            topics_.insert(change->topic);
-        else
-            topics_.erase(change->topic);
-        if (topics_.size() <= topics_max_)
+        if (change->subscribed && topics_.insert(change->topic).second)
+            topic_bytes_ += change->topic.size();
+        else if (!change->subscribed && topics_.erase(change->topic) > 0)
+            topic_bytes_ -= change->topic.size();
+        if (topics_.size() <= topics_max_ && topic_bytes_ <= topics_max_ * topic_bytes_mean_max)
             return change;
         topics_.erase(change->topic); // nobody has been told of it
         cut_off_all();
@@ -375,6 +376,7 @@ std::optional<SubscriptionChange> PublisherSocket::receive() {
 void PublisherSocket::cut_off_all() {
     unsubscribed_.assign(topics_.begin(), topics_.end());
     topics_.clear();
+    topic_bytes_ = 0;
     impl_ = open_publisher(*context_);
     is_bound_ = false;
     ++cut_off_count_;

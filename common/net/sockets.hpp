@@ -151,8 +151,9 @@ struct SubscriptionChange {
 };
 
 /// The broker's side of the stream. libzmq keeps every topic that anybody subscribes to, and does
-/// not tell who it was: so when there are more than `topics_max`, all subscribers are cut off, and
-/// their topics are unsubscribed. Whoever means it comes back and subscribes anew.
+/// not tell who it was: so when there are more than `topics_max`, or longer ones than so many should
+/// be, all subscribers are cut off, and their topics are unsubscribed. Whoever means it comes back
+/// and subscribes anew.
 class PublisherSocket : public Socket {
 public:
     /// Errors: as RouterSocket::bind. The context stays where it is.
@@ -174,7 +175,7 @@ private:
 
     const Context* context_;
     std::string bound_;
-    std::size_t topics_max_;
+    std::size_t topics_max_, topic_bytes_ = 0;
     std::set<std::string> topics_;          ///< that have a subscriber
     std::vector<std::string> unsubscribed_; ///< of those who were cut off, to be told
     bool is_bound_ = true;                  ///< not until its port is free again

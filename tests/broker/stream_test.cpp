@@ -94,6 +94,25 @@ TEST_CASE("the state of the farm is published while somebody listens") {
     CHECK(states.back().jobs[0].done_count == 3);
 }
 
+TEST_CASE("limits: digest_interval, digest_tail, farm_interval") {
+    Limits limits;
+    limits.digest_interval = 200ms;
+    limits.digest_tail = 1s;
+    limits.farm_interval = 250ms;
+    Farm farm(limits);
+    const JobId job = job_with_done(farm, 6);
+    farm.subscribe(job);
+    farm.pass(3s);
+    const std::size_t digests = farm.published<JobState>(job_topic(job)).size();
+    CHECK(digests >= 4);
+    CHECK(digests <= 6);
+    farm.event(TopicSubscribed{std::string(farm_topic)});
+    farm.pass(1s);
+    const std::size_t states = farm.published<FarmState>(std::string(farm_topic)).size();
+    CHECK(states >= 4);
+    CHECK(states <= 5);
+}
+
 TEST_CASE("topics that make no sense are ignored") {
     Farm farm;
     for (const char* topic : {"", "x", "J", "Jshort", "N", "Fx"}) {

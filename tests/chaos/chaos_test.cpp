@@ -110,7 +110,7 @@ private:
     void kill_broker();
     void submit();
     void start_worker();
-    void kill_worker();
+    void kill_workers();
     void stop_worker();
     void start_watcher();
     void send_watcher_away();
@@ -174,15 +174,22 @@ void Chaos::start_worker() {
             {start("fraja-worker", {"-j", "1", "--name", "w" + std::to_string(++worker_names_)})});
 }
 
-void Chaos::kill_worker() {
+/// One of them, and sometimes half of them at once.
+void Chaos::kill_workers() {
     if (workers_.size() < 2)
         return;
-    Worker& worker = any_of(workers_);
-    worker.process.send(SIGKILL);
-    CHECK(worker.process.wait_for_exit(patience) == -SIGKILL);
-    check_log(worker.process);
-    workers_.remove_if([&](const Worker& w) { return &w == &worker; });
-    ++counts_.workers_killed;
+    std::list<Worker> doomed;
+    for (std::size_t left = rng_.below(4) == 0 ? workers_.size() / 2 : 1; left > 0; --left)
+        doomed.splice(
+            doomed.end(), workers_,
+            std::next(workers_.begin(), static_cast<std::ptrdiff_t>(rng_.below(workers_.size()))));
+    for (Worker& worker : doomed)
+        worker.process.send(SIGKILL);
+    for (Worker& worker : doomed) {
+        CHECK(worker.process.wait_for_exit(patience) == -SIGKILL);
+        check_log(worker.process);
+    }
+    counts_.workers_killed += doomed.size();
 }
 
 void Chaos::stop_worker() {
@@ -247,7 +254,7 @@ void Chaos::do_something() {
     else if (die < 55)
         start_worker();
     else if (die < 65)
-        kill_worker();
+        kill_workers();
     else if (die < 80)
         stop_worker();
     else if (die < 92)

@@ -94,7 +94,13 @@ TEST_CASE("more topics than there may be cut all subscribers off, and honest one
         hostile->subscribe("b");
         await_topics({"honest", "a", "b"});
         CHECK(publisher->cut_off_count() == 0);
-        hostile->subscribe("c");
+        SUBCASE("of any length") {
+            hostile->subscribe("c");
+        }
+        SUBCASE("of a length that as many should not have") {
+            hostile->unsubscribe("b");
+            hostile->subscribe(std::string(200, 'c'));
+        }
         for (int i = 0; i < 500 && publisher->cut_off_count() == 0; ++i, take_changes())
             wait({*publisher}, 10ms);
         CHECK(publisher->cut_off_count() == 1);
