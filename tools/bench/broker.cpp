@@ -103,7 +103,7 @@ struct Way {
     const char* name;
     std::uint32_t watchers;
     bool keeps;
-    double mark; ///< of the bare rate; 0: none
+    double mark; ///< of the bare rate, at 64 workers and 20,000 tiles; 0: none
 };
 constexpr Way ways[] = {{"broker", 0, false, 0.85},
                         {"watcher", 1, false, 0.65},
@@ -266,16 +266,18 @@ int main(int argc, char** argv) {
     std::printf("%-9s %8.0f %8s %6s %12.1f\n", "bare",
                 median_of(bare, [&](std::size_t i) { return bare[i].tiles_per_s; }), "", "",
                 median_of(bare, [&](std::size_t i) { return bare[i].cpu_us; }));
+    const bool has_marks = arguments.load.workers == 64 && arguments.load.tiles >= 20'000;
+    bool missed = false;
     for (std::size_t w = 0; w < std::size(ways); ++w) {
         const std::vector<Outcome>& these = outcomes[w];
         if (these.empty())
             continue;
+        const double ratio = median_of(
+            these, [&](std::size_t i) { return these[i].tiles_per_s / bare[i].tiles_per_s; });
+        missed = missed || (has_marks && ratio < ways[w].mark);
         std::printf("%-9s %8.0f %8.2f", ways[w].name,
-                    median_of(these, [&](std::size_t i) { return these[i].tiles_per_s; }),
-                    median_of(these, [&](std::size_t i) {
-                        return these[i].tiles_per_s / bare[i].tiles_per_s;
-                    }));
-        if (ways[w].mark > 0)
+                    median_of(these, [&](std::size_t i) { return these[i].tiles_per_s; }), ratio);
+        if (has_marks && ways[w].mark > 0)
             std::printf(" %6.2f", ways[w].mark);
         else
             std::printf(" %6s", "");
@@ -289,5 +291,5 @@ int main(int argc, char** argv) {
     }
     if (arguments.csv)
         write_csv(arguments.csv, bare, outcomes);
-    return 0;
+    return missed ? 1 : 0;
 }
