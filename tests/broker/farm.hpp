@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <doctest/doctest.h>
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -108,10 +109,14 @@ public:
     }
     void beat(const PeerId& peer, std::uint32_t credit,
               const std::vector<protocol::RenderTile>& tiles, std::uint64_t rays = 0) {
-        protocol::WorkerBeat beat{credit, {}, received[peer]};
+        std::vector<protocol::TileInFlight> in_flight;
         for (const auto& t : tiles)
-            beat.in_flight.push_back({t.job, t.tile, t.attempt, rays});
-        say(peer, beat);
+            in_flight.push_back({t.job, t.tile, t.attempt, rays});
+        beat(peer, credit, std::move(in_flight));
+    }
+    void beat(const PeerId& peer, std::uint32_t credit,
+              std::vector<protocol::TileInFlight> in_flight) {
+        say(peer, protocol::WorkerBeat{credit, std::move(in_flight), received[peer]});
     }
 
     // ---------------------------------------------------------------------------------- hearing
@@ -168,10 +173,13 @@ public:
     std::vector<OrderFilled> orders_filled;
     std::vector<OrderFailed> orders_failed;
     std::vector<Log> logs;
+    std::function<void(const Action&)> on_action; ///< is shown each of them, in their order
 
 private:
     /// Everything must fit on the wire: encode() asserts its limits.
     void take(Action action) {
+        if (on_action)
+            on_action(action);
         if (const auto* message = std::get_if<Send>(&action))
             (void)protocol::encode(message->message);
         if (const auto* message = std::get_if<Publish>(&action))
