@@ -112,10 +112,10 @@ public:
         std::vector<protocol::TileInFlight> in_flight;
         for (const auto& t : tiles)
             in_flight.push_back({t.job, t.tile, t.attempt, rays});
-        beat(peer, credit, std::move(in_flight));
+        beat_with(peer, credit, std::move(in_flight));
     }
-    void beat(const PeerId& peer, std::uint32_t credit,
-              std::vector<protocol::TileInFlight> in_flight) {
+    void beat_with(const PeerId& peer, std::uint32_t credit,
+                   std::vector<protocol::TileInFlight> in_flight) {
         say(peer, protocol::WorkerBeat{credit, std::move(in_flight), received[peer]});
     }
 

@@ -1,7 +1,6 @@
 #include "tests/transcripts/players.hpp"
 
 #include "common/base/text.hpp"
-#include "tests/transcripts/enum_names.hpp"
 #include "tests/transcripts/printing.hpp"
 
 #include <algorithm>
@@ -24,6 +23,7 @@ const std::map<std::string_view, Players::Deed> Players::deeds = {
     {"render", &Players::render},   {"fail", &Players::fail},
     {"again", &Players::again},     {"stored", &Players::stored},
     {"trouble", &Players::trouble}, {"recovered", &Players::recovered},
+    {"unwatch", &Players::unwatch},
 };
 
 std::vector<std::string> Players::perform(std::string_view command) {
@@ -37,11 +37,14 @@ std::vector<std::string> Players::perform(std::string_view command) {
 }
 
 Farm& Players::farm() {
-    if (!farm_) {
-        farm_.emplace();
-        farm_->on_action = [this](const Action& action) { notice(action); };
-    }
+    if (!farm_)
+        start({}, false);
     return *farm_;
+}
+
+void Players::start(const Limits& limits, bool keeps) {
+    farm_.emplace(limits, keeps);
+    farm_->on_action = [this](const Action& action) { notice(action); };
 }
 
 /// A line of it; and workers take their tiles.
@@ -76,8 +79,7 @@ void Players::broker(Words& words) {
         limits.quarantine_window = *window;
     }
     words.end();
-    farm_.emplace(limits, keeps);
-    farm_->on_action = [this](const Action& action) { notice(action); };
+    start(limits, keeps);
 }
 
 void Players::worker(Words& words) {
@@ -156,7 +158,7 @@ void Players::send_beat(const std::string& name, Worker& worker) {
     for (const RenderTile& tile : worker.tiles)
         tiles.push_back(
             {tile.job, tile.tile, tile.attempt, tiles.size() < worker.threads ? worker.rays : 0});
-    farm().beat(name, worker.credit, std::move(tiles));
+    farm().beat_with(name, worker.credit, std::move(tiles));
 }
 
 Instant Players::next_beat() {
@@ -205,108 +207,6 @@ void Players::pass(Words& words) {
     passing_since_.reset();
 }
 
-// ------------------------------------------------------------------------------ what is to be done
-
-void Players::submit(Words& words) {
-    const std::string name = next_client(words);
-    const std::uint32_t id = words.number("job");
-    SubmitJob submission = Farm::picture(static_cast<std::uint8_t>(id), words.number("tiles"));
-    submission.priority = static_cast<std::int32_t>(words.number("priority", 0));
-    words.end();
-    farm().say(name, submission);
-}
-
-void Players::scene(Words& words) {
-    const std::string name = next_client(words);
-    words.end();
-    farm().say(name, Farm::scene_chunk());
-}
-
-void Players::control(Words& words) {
-    const std::string name = next_client(words);
-    const std::string deed = words.next("what is to be done");
-    if (const auto of_job = enumerator_named<JobDeed>(deed)) {
-        const ControlJob message{job_of(words), *of_job,
-                                 static_cast<std::int32_t>(words.number("priority", 0))};
-        words.end();
-        return farm().say(name, message);
-    }
-    const auto of_worker = enumerator_named<WorkerDeed>(deed);
-    if (!of_worker)
-        throw BadCommand("nobody can '" + deed + "' a job or a worker");
-    const ControlWorker message{words.text("worker"), *of_worker};
-    words.end();
-    farm().say(name, message);
-}
-
-void Players::find(Words& words) {
-    const std::string name = next_client(words);
-    const JobId job = job_of(words);
-    words.end();
-    farm().say(name, FindJob{to_string(job)});
-}
-
-void Players::repair(Words& words) {
-    const std::string name = next_client(words);
-    const JobId job = job_of(words);
-    words.end();
-    farm().say(name, Repair{job, farm().limits.repair_tiles_max, {}});
-}
-
-void Players::watch(Words& words) {
-    const bool all = words.next_is("farm");
-    const std::string topic = all ? std::string(farm_topic) : job_topic(job_of(words));
-    words.end();
-    farm().event(TopicSubscribed{topic});
-}
-
-// ------------------------------------------------------------------------------------ what is done
-
-void Players::render(Words& words) {
-    const std::string name = words.next("a worker's name");
-    const TileRendered answer = Farm::answer(take_tile(name, words));
-    worker_of(name).last_answer = answer;
-    farm().say(name, answer);
-}
-
-void Players::fail(Words& words) {
-    const std::string name = words.next("a worker's name");
-    const std::string what = words.next("machine, scene or cancelled");
-    const auto code = enumerator_named<FailureCode>(what);
-    if (!code)
-        throw BadCommand("a tile does not fail by '" + what + "'");
-    farm().fail(name, take_tile(name, words), *code);
-}
-
-void Players::again(Words& words) {
-    const std::string name = words.next("a worker's name");
-    words.end();
-    const auto& answer = worker_of(name).last_answer;
-    if (!answer)
-        throw BadCommand("worker '" + name + "' has answered nothing yet");
-    farm().say(name, *answer);
-}
-
-void Players::stored(Words& words) {
-    if (farm().persisted.empty())
-        throw BadCommand("there is nothing to be kept");
-    const std::uint64_t last = farm().persisted.back().sequence;
-    const std::uint64_t to = words.has("to") ? words.number("to") : last;
-    words.end();
-    if (to > last)
-        throw BadCommand("no more than " + std::to_string(last) + " is to be kept");
-    farm().event(Stored{to});
-}
-
-void Players::trouble(Words& words) {
-    farm().event(StoreFails{words.rest()});
-}
-
-void Players::recovered(Words& words) {
-    words.end();
-    farm().event(StoreWorks{});
-}
-
 // ------------------------------------------------------------------------------------ who is meant
 
 Players::Worker& Players::worker_of(const std::string& name) {
@@ -316,7 +216,7 @@ Players::Worker& Players::worker_of(const std::string& name) {
     return found->second;
 }
 
-std::string Players::next_client(Words& words) {
+std::string Players::next_client(Words& words) const {
     std::string name = words.next("a client's name");
     if (!clients_.contains(name))
         throw BadCommand("there is no client '" + name + "'");
@@ -324,21 +224,17 @@ std::string Players::next_client(Words& words) {
 }
 
 JobId Players::job_of(Words& words) {
-    return id_of<JobId>(static_cast<std::uint8_t>(words.number("job")));
+    const std::uint32_t id = words.number("job");
+    if (id == 0 || id > UINT8_MAX)
+        throw BadCommand("jobs are numbered from 1 to 255");
+    return id_of<JobId>(static_cast<std::uint8_t>(id));
 }
 
-/// The oldest that it has; with tile= the oldest one of that number.
-RenderTile Players::take_tile(const std::string& name, Words& words) {
-    std::vector<RenderTile>& tiles = worker_of(name).tiles;
-    auto tile = tiles.begin();
-    if (words.has("tile"))
-        tile = std::ranges::find(tiles, TileIndex{words.number("tile")}, &RenderTile::tile);
+std::string Players::topic_of(Words& words) {
+    const bool is_farm = words.next_is("farm");
+    std::string topic = is_farm ? std::string(farm_topic) : job_topic(job_of(words));
     words.end();
-    if (tile == tiles.end())
-        throw BadCommand("worker '" + name + "' has no such tile");
-    RenderTile taken = *tile;
-    tiles.erase(tile);
-    return taken;
+    return topic;
 }
 
 } // namespace fraja::broker

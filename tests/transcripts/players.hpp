@@ -6,7 +6,7 @@
 //     client c                      likewise
 //     submit c job=1 tiles=4        a picture of 4x1 tiles of 10x10 pixels; priority=N
 //     scene c                       sends the scene, the same for all pictures
-//     render a                      answers the oldest tile that it has; tile=N another one
+//     render a                      answers the oldest tile that it has; job=1 tile=2 that one
 //     fail a machine                likewise; scene or cancelled
 //     again a                       sends its last pixels once more
 //     beat a credit=2               by hand
@@ -18,7 +18,9 @@
 //     control c drain worker=a      undrain, kick
 //     find c job=1, repair c job=1  asks for a job's state; for the tiles of it
 //     watch job=1, watch farm       somebody subscribes to the stream
-//     stored, trouble disk full     all is kept that was to be, or up to=N; nothing can be kept
+//     unwatch farm                  and nobody does any more
+//     stored                        all is kept that was to be; to=N up to there
+//     trouble the disk is full      nothing can be kept now
 //     recovered                     it can again
 #pragma once
 
@@ -73,6 +75,7 @@ private:
     void find(Words& words);
     void repair(Words& words);
     void watch(Words& words);
+    void unwatch(Words& words);
     // what is done
     void render(Words& words);
     void fail(Words& words);
@@ -82,9 +85,11 @@ private:
     void recovered(Words& words);
 
     [[nodiscard]] Farm& farm();
+    void start(const Limits& limits, bool keeps);
     [[nodiscard]] Worker& worker_of(const std::string& name);
-    [[nodiscard]] std::string next_client(Words& words);
+    [[nodiscard]] std::string next_client(Words& words) const;
     [[nodiscard]] static JobId job_of(Words& words);
+    [[nodiscard]] static std::string topic_of(Words& words);
     protocol::RenderTile take_tile(const std::string& name, Words& words);
     void send_beat(const std::string& name, Worker& worker);
     void beat_all_that_are_due();

@@ -1,5 +1,6 @@
 #include "tests/transcripts/printing.hpp"
 
+#include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/protocol/topics.hpp"
 #include "tests/transcripts/enum_names.hpp"
@@ -43,7 +44,7 @@ std::string quoted(std::string_view text) {
     const bool plain = !text.empty() && std::ranges::all_of(text, [](unsigned char c) {
         return std::isgraph(c) && c != '"' && c != '(' && c != ')' && c != '[' && c != ']';
     });
-    return plain ? std::string(text) : '"' + std::string(text) + '"';
+    return plain ? std::string(text) : '"' + printable(text) + '"';
 }
 
 // ----------------------------------------------------------------------------------------- values
@@ -115,23 +116,30 @@ std::string value_of(const std::vector<T>& values) {
 
 // ----------------------------------------------------------------------------------------- fields
 
-/// " name=value"
+/// " name=value", or nothing where that is as usual.
 template <class T>
-std::string field(std::string_view name, const T& value) {
+std::string field(std::string_view name, const T& value,
+                  const std::type_identity_t<T>& usual = {}) {
+    if (!is_always_told<T> && value == usual)
+        return "";
     return " " + std::string(name) + "=" + value_of(value);
 }
 
 template <Record R>
+R usual_for([[maybe_unused]] const R& record) {
+    R usual{};
+    if constexpr (std::is_same_v<R, PictureSettings>) // all of it is drawn
+        usual.crop = {0, 0, record.size.width, record.size.height};
+    return usual;
+}
+
+template <Record R>
 std::string fields_of(const R& record) {
-    const R usual{};
-    const auto told = [](std::string_view name, const auto& value, const auto& otherwise) {
-        using T = std::decay_t<decltype(value)>;
-        return is_always_told<T> || !(value == otherwise) ? field(name, value) : std::string();
-    };
+    const R usual = usual_for(record);
     std::string text;
     std::apply(
         [&](const auto&... f) {
-            ((text += told(f.name, record.*(f.member), usual.*(f.member))), ...);
+            ((text += field(f.name, record.*(f.member), usual.*(f.member))), ...);
         },
         FieldsOf<R>::fields());
     if constexpr (CarriesBlobs<R>)
@@ -161,7 +169,8 @@ std::string told(const PutBlob& write) {
 }
 std::string told(const PutJob& write) {
     const auto& [submission, job_number, passes] = write;
-    return "PutJob" + field("number", job_number) + field("passes", passes) + fields_of(submission);
+    return "PutJob" + field("number", job_number) + field("passes", passes, 1) +
+           fields_of(submission);
 }
 std::string told(const PutTile& write) {
     const auto& [tile] = write;
@@ -213,21 +222,22 @@ std::string told(const OrderFailed& action) {
 }
 std::string told(const Log& action) {
     const auto& [level, text] = action;
-    return "log " + value_of(level) + " " + text;
+    return "log " + value_of(level) + " " + printable(text);
 }
 
 } // namespace
 
 std::string printed(Duration d) {
-    const bool whole_seconds = d % std::chrono::seconds(1) == Duration::zero();
-    const bool small = d < std::chrono::seconds(1) && !whole_seconds;
-    std::string text = std::to_string(d.count() / (small ? 1'000'000 : 1'000'000'000));
-    std::string rest = std::to_string(d.count() % (small ? 1'000'000 : 1'000'000'000));
-    rest.insert(0, (small ? 6 : 9) - rest.size(), '0');
-    rest.erase(rest.find_last_not_of('0') + 1);
-    if (!rest.empty())
-        text += "." + rest;
-    return text + (small ? "ms" : "s");
+    const auto count = static_cast<std::uint64_t>(d.count());
+    const std::uint64_t ns = d < Duration::zero() ? 0 - count : count;
+    const bool is_small = ns > 0 && ns < 1'000'000'000;
+    const std::uint64_t unit = is_small ? 1'000'000 : 1'000'000'000;
+    std::string text = (d < Duration::zero() ? "-" : "") + std::to_string(ns / unit);
+    if (ns % unit > 0) {
+        const std::string part = std::to_string(unit + ns % unit); // with its zeros, after a 1
+        text += "." + part.substr(1, part.find_last_not_of('0'));
+    }
+    return text + (is_small ? "ms" : "s");
 }
 
 std::string printed(const Action& action) {
