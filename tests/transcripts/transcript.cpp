@@ -34,36 +34,39 @@ std::string_view what_counts(std::string_view line) {
 
 } // namespace
 
-Result<std::string> replay(std::string_view text, std::string_view file) {
-    const auto error = [&](std::size_t line, const std::string& what) {
-        return Error{ErrorCode::invalid_argument,
-                     std::string(file) + ":" + std::to_string(line) + ": " + what};
+Replay replay(std::string_view text, std::string_view file) {
+    Replay anew;
+    const auto fail = [&](std::size_t number, const std::string& what) {
+        anew.error = Error{ErrorCode::invalid_argument,
+                           std::string(file) + ":" + std::to_string(number) + ": " + what};
     };
     if (!text.starts_with("# "))
-        return error(1, "a transcript opens with a comment on what it shows");
+        fail(1, "a transcript opens with a comment on what it shows");
     Players players;
-    std::string anew;
     bool has_commands = false;
-    std::size_t at = 0;
+    std::size_t at = 0; // the line, from 1
     for (const std::string_view line : lines_of(text)) {
         ++at;
-        if (line.starts_with(indent))
-            continue; // what was done
-        anew.append(line) += '\n';
-        if (line.empty() || line.starts_with('#'))
+        const bool was_done = line.starts_with(indent);
+        if (was_done && !anew.error)
             continue;
-        if (std::isspace(static_cast<unsigned char>(line.front())))
-            return error(at, "a command begins its line, and an action has four spaces before it");
+        anew.text.append(line) += '\n';
+        if (anew.error || line.empty() || line.starts_with('#'))
+            continue;
+        has_commands = true;
+        if (std::isspace(static_cast<unsigned char>(line.front()))) {
+            fail(at, "a command begins its line, and an action has four spaces before it");
+            continue;
+        }
         try {
-            has_commands = true;
             for (const std::string& action : players.perform(line))
-                anew.append(indent).append(action) += '\n';
+                anew.text.append(indent).append(action) += '\n';
         } catch (const BadCommand& bad) {
-            return error(at, bad.what());
+            fail(at, bad.what());
         }
     }
-    if (!has_commands)
-        return error(at, "a transcript without a command");
+    if (!has_commands && !anew.error)
+        fail(at, "a transcript without a command");
     return anew;
 }
 

@@ -11,10 +11,15 @@
 
 namespace fraja::broker {
 
-/// The text anew: its commands and comments as they are, below each command what a new core does.
-/// The error names the file and the line: a command that cannot be carried out, or a text that
-/// does not open with a comment on what it shows or has no command.
-[[nodiscard]] Result<std::string> replay(std::string_view text, std::string_view file);
+struct Replay {
+    /// Its commands and comments as they are, below each command what a new core does. Behind an
+    /// error all is as it was.
+    std::string text;
+    /// Names the file and the line: a command that cannot be carried out, or a transcript that does
+    /// not open with a comment on what it shows, or has no command.
+    std::optional<Error> error;
+};
+[[nodiscard]] Replay replay(std::string_view text, std::string_view file);
 
 struct Difference {
     std::size_t line = 0; ///< from 1
