@@ -194,13 +194,13 @@ bool Dispatcher::has_tags(const WorkerSession& worker, const Wishes& wishes) {
     });
 }
 
-/// Who may draw it at all: a tile that failed on one of them is left to the others.
-std::size_t Dispatcher::workers_for(const Job& job) const {
-    if (job.submission().wishes.tags.empty() || !job.has_failures())
-        return workers_with_credit_;
-    return static_cast<std::size_t>(std::ranges::count_if(workers_, [&](const auto& entry) {
-        return entry.second.room() > 0 && has_tags(entry.second, job.submission().wishes);
-    }));
+/// Than those on whom a tile of it failed.
+bool Dispatcher::has_others(const Job& job, std::span<const WorkerId> failed_on) const {
+    return std::ranges::any_of(workers_, [&](const auto& entry) {
+        const WorkerSession& worker = entry.second;
+        return worker.room() > 0 && has_tags(worker, job.submission().wishes) &&
+               std::ranges::find(failed_on, worker.hello.worker) == failed_on.end();
+    });
 }
 
 /// Deals it out, if it can be. By work: when a probe has told of that.
@@ -302,12 +302,14 @@ double Dispatcher::tile_time_min_s() const {
 
 bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job) {
     const AttemptNumber attempt{attempts_ + 1};
-    const auto handed = job.assign_next({.worker = worker.hello.worker,
-                                         .peer = peer,
-                                         .work_wanted = work_wanted(worker, job),
-                                         .joined_work_max = joined_work_max(worker),
-                                         .workers_with_credit = workers_for(job),
-                                         .attempt = attempt});
+    const auto handed = job.assign_next(
+        {.worker = worker.hello.worker,
+         .peer = peer,
+         .work_wanted = work_wanted(worker, job),
+         .joined_work_max = joined_work_max(worker),
+         .has_others =
+             [&](std::span<const WorkerId> failed_on) { return has_others(job, failed_on); },
+         .attempt = attempt});
     if (!handed)
         return false;
     send_grant(peer, worker, job,

@@ -185,7 +185,7 @@ private:
     [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer,
                              const Party& party) const;
     [[nodiscard]] static bool has_tags(const WorkerSession& worker, const protocol::Wishes& wishes);
-    [[nodiscard]] std::size_t workers_for(const Job& job) const;
+    [[nodiscard]] bool has_others(const Job& job, std::span<const WorkerId> failed_on) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
     bool grant(const PeerId& peer, WorkerSession& worker, Job& job);
     [[nodiscard]] std::optional<std::uint32_t> probe_side(const Job& job) const;

@@ -15,6 +15,7 @@
 #include <compare>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -95,9 +96,10 @@ public:
         double work_wanted = 0;
         /// Blocks beside one another are joined up to so much, where no order was asked for.
         double joined_work_max = 0;
-        /// A tile that failed on this worker is left to others while there are any.
-        std::size_t workers_with_credit = 1; ///< of those who may draw it
-        AttemptNumber attempt{};             ///< under which it is handed out; never used before
+        /// Whether there is anybody else who may draw it: a tile that failed on this worker is left
+        /// to those on whom it did not.
+        std::function<bool(std::span<const WorkerId> failed_on)> has_others;
+        AttemptNumber attempt{}; ///< under which it is handed out; never used before
     };
     struct Handed {
         OpenTileId id{};

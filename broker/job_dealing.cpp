@@ -41,8 +41,8 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
         if (whole != open_.end() && whole->second.assignment &&
             whole->second.assignment->peer == bidder.peer && whole->second.tile == tile.tile)
             return false; // it is at it already
-        return tile.failed_on.size() >= bidder.workers_with_credit ||
-               std::ranges::find(tile.failed_on, bidder.worker) == tile.failed_on.end();
+        return std::ranges::find(tile.failed_on, bidder.worker) == tile.failed_on.end() ||
+               !bidder.has_others(tile.failed_on);
     };
     if (const auto at = std::ranges::find_if(requeued_, fits); at != requeued_.end()) {
         const OpenTileId id = *at;

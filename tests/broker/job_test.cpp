@@ -50,12 +50,16 @@ struct Desk {
 
     std::optional<Job::Handed> hand_out(std::uint8_t worker, double work_wanted,
                                         std::size_t workers = 9) {
-        auto handed = job.assign_next({.worker = id_of<WorkerId>(worker),
-                                       .peer = std::to_string(worker),
-                                       .work_wanted = work_wanted,
-                                       .joined_work_max = joined_work_max,
-                                       .workers_with_credit = workers,
-                                       .attempt = AttemptNumber{++attempts}});
+        auto handed = job.assign_next(
+            {.worker = id_of<WorkerId>(worker),
+             .peer = std::to_string(worker),
+             .work_wanted = work_wanted,
+             .joined_work_max = joined_work_max,
+             .has_others =
+                 [&](std::span<const WorkerId> failed_on) {
+                     return std::set(failed_on.begin(), failed_on.end()).size() < workers;
+                 },
+             .attempt = AttemptNumber{++attempts}});
         if (handed)
             at_work[handed->id] = {*handed, AttemptNumber{attempts}};
         return handed;
