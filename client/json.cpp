@@ -158,6 +158,7 @@ std::string submit_json(const SubmissionReport& r) {
         add_counts(json, r.job.rays);
         json["render_s"] = seconds(r.job.render_time);
         json["elapsed_s"] = seconds(r.job.elapsed);
+        json["processor_s"] = seconds(r.processor_time);
     }
     json["wall_s"] = seconds(r.finished - r.started);
     json["started"] = rfc3339(r.started);

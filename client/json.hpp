@@ -35,7 +35,8 @@ struct SubmissionReport {
     ContentHash scene;
     std::string output; ///< empty: none was written
     std::optional<Estimate> estimate;
-    std::size_t workers = 0; ///< that rendered at least one tile
+    std::size_t workers = 0;   ///< that rendered at least one tile
+    Duration processor_time{}; ///< of this process, from the submission on
     std::chrono::system_clock::time_point started, finished;
 };
 /// fraja.submit/1

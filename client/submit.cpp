@@ -136,6 +136,7 @@ public:
                 print_plan();
             return end("dry_run", {});
         }
+        processor_time_before_ = net::processor_time();
         SubmitListener listener(options_, console_);
         const Outcome outcome = render(listener);
         listener.finish(net::now());
@@ -232,6 +233,7 @@ private:
             explain_leaving(listener, outcome);
         else
             console_.error(outcome.reason);
+        report_.processor_time = net::processor_time() - processor_time_before_;
         if (options_.stats && !options_.shared.json && listener.job())
             print_stats();
         return end(listener.job() ? std::string(to_string(report_.job.phase)) : "not_submitted",
@@ -312,8 +314,10 @@ private:
                        e->samples, levels_per_unit * e->rms_error);
         fmt::print("time wall         {:.3f} s\n"
                    "time job          {:.3f} s\n"
-                   "time render       {:.3f} s (summed over render threads)\n",
-                   wall, elapsed, seconds(report_.job.render_time));
+                   "time render       {:.3f} s (summed over render threads)\n"
+                   "time processor    {:.3f} s (of this process, from the submission on)\n",
+                   wall, elapsed, seconds(report_.job.render_time),
+                   seconds(report_.processor_time));
         if (elapsed > 0)
             fmt::print("speed             {}\n",
                        format_rate(static_cast<double>(report_.job.rays.total()) / elapsed));
@@ -339,6 +343,7 @@ private:
     SceneFile scene_;
     SubmissionReport report_;
     Instant started_{}; // by a clock that nobody sets
+    Duration processor_time_before_{};
 };
 
 } // namespace

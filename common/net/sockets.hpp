@@ -151,9 +151,9 @@ struct SubscriptionChange {
 };
 
 /// The broker's side of the stream. libzmq keeps every topic that anybody subscribes to, and does
-/// not tell who it was: so when there are more than `topics_max`, or longer ones than so many should
-/// be, all subscribers are cut off, and their topics are unsubscribed. Whoever means it comes back
-/// and subscribes anew.
+/// not tell who it was: so when there are more than `topics_max`, or longer ones than so many
+/// should be, all subscribers are cut off, and their topics are unsubscribed. Whoever means it
+/// comes back and subscribes anew.
 class PublisherSocket : public Socket {
 public:
     /// Errors: as RouterSocket::bind. The context stays where it is.

@@ -157,7 +157,9 @@ TEST_CASE("a submission's JSON has its job only when there was one") {
     report.job = job();
     report.output = "cone.png";
     report.outcome = {ExitCode::job_failed, "why"};
+    report.processor_time = 250ms;
     json = Json::parse(submit_json(report));
+    CHECK(json["processor_s"] == 0.25);
     CHECK(json["job"] == "01020000-0000-0000-0000-000000000000");
     CHECK(json["output"] == "cone.png");
     CHECK(json["exit_code"] == 1);

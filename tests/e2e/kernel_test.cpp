@@ -102,6 +102,7 @@ TEST_CASE("the fast kernel is what users get, and what it counts comes from a fa
     CHECK(want.at("tests").at("form") > 0);
     CHECK(want.at("shaded") > 0);
     CHECK(want.at("pixels").at("truncated") == 0);
+    CHECK(want.at("processor_s") > 0); // and it says what it cost
     Farm farm;
     farm.add_worker("one");
     farm.add_worker("two");
