@@ -78,12 +78,8 @@ std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
     const auto data = whole(hash);
     if (!data || offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data->size())
         return std::nullopt;
-    const auto begin = data->begin() + static_cast<std::ptrdiff_t>(offset_bytes);
     const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data->size() - offset_bytes);
-    protocol::Chunk chunk{
-        .blob = hash, .offset_bytes = offset_bytes, .total_bytes = data->size(), .blobs = {}};
-    chunk.blobs.push_back(Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size))));
-    return chunk;
+    return protocol::Chunk{hash, offset_bytes, data->size(), {data->part(offset_bytes, size)}};
 }
 
 } // namespace fraja::broker

@@ -43,16 +43,6 @@ bool read_phase(const Rows& rows, int column, protocol::JobPhase& phase) {
     return true;
 }
 
-std::vector<Blob> cut(std::span<const std::byte> bytes) {
-    std::vector<Blob> blobs;
-    do { // a message's pixels are one blob at least
-        const auto piece = bytes.first(std::min(bytes.size(), protocol::chunk_bytes));
-        blobs.push_back(Blob(Bytes(piece.begin(), piece.end())));
-        bytes = bytes.subspan(piece.size());
-    } while (!bytes.empty());
-    return blobs;
-}
-
 /// Calls `take(rows)` for each row; it returns what is wrong with that, or nothing.
 template <class Take>
 Result<void> for_each_row(const Database& database, Rows rows, Take take) {
@@ -216,7 +206,8 @@ Result<void> StoreReader::append_tiles(const JobId& job, TileIndex which,
                                        std::to_string(static_cast<std::uint32_t>(which)) +
                                        " of job " + to_string(job);
                             found.push_back(std::move(*body));
-                            found.back().blobs = cut(pixels);
+                            found.back().blobs = cut(Blob(Bytes(pixels.begin(), pixels.end())),
+                                                     protocol::chunk_bytes);
                             return {};
                         });
 }

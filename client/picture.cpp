@@ -23,8 +23,10 @@ constexpr Duration rewrite_pause = 500ms;
 
 Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& settings) {
     const std::size_t pixels = done.rect.pixel_count();
-    const std::vector<float> floats = protocol::floats_of(done.blobs);
+    std::vector<float> floats = protocol::floats_of(done.blobs);
     FRAJA_ASSERT(floats.size() * sizeof(float) == pixels * settings.pixel_bytes());
+    if (floats.size() == 3 * pixels)
+        return {.rect = done.rect, .rgb = std::move(floats)};
     auto from = floats.begin();
     const auto next = [&](std::size_t count) {
         const auto begin = from;

@@ -110,14 +110,10 @@ void Submission::take(Instant now, const protocol::NeedChunk& need, std::vector<
         return;
     }
     submit_due_ = now + submit_repeat;
-    const auto begin = text.begin() + static_cast<std::ptrdiff_t>(need.offset_bytes);
     const auto size =
         std::min<std::uint64_t>(protocol::chunk_bytes, text.size() - need.offset_bytes);
-    actions.push_back(
-        Send{protocol::Chunk{need.blob,
-                             need.offset_bytes,
-                             text.size(),
-                             {Blob(Bytes(begin, begin + static_cast<std::ptrdiff_t>(size)))}}});
+    actions.push_back(Send{protocol::Chunk{
+        need.blob, need.offset_bytes, text.size(), {text.part(need.offset_bytes, size)}}});
 }
 
 void Submission::take(const protocol::Refused& refused, std::vector<Action>& actions) {

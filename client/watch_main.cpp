@@ -1,5 +1,6 @@
 // fraja-watch: shows a job's tiles as they finish, or the farm.
 #include "client/watch.hpp"
+#include "common/base/freed_memory.hpp"
 
 #include <csignal>
 #include <cstdio>
@@ -7,6 +8,7 @@
 
 int main(int argc, char** argv) try {
     using namespace fraja;
+    keep_freed_memory();
     const net::SignalWatch signals({SIGINT, SIGTERM});
     const auto parsed = client::parse_watch_options(client::arguments_of(argc, argv));
     if (const auto* early = std::get_if<client::EarlyExit>(&parsed))

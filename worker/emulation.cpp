@@ -127,7 +127,7 @@ EmulatedPool::Answer EmulatedPool::answer(const UnitPicture& units, const PixelR
     }
     const std::uint64_t camera = floats.rgb.size();
     return {{.camera = camera, .reflected = static_cast<std::uint64_t>(sum) - camera},
-            pixel_blobs(floats)};
+            pixel_blobs(std::move(floats))};
 }
 
 void EmulatedPool::start(const PicturePtr& picture, const Tile& tile) {

@@ -1,4 +1,5 @@
 // fraja-worker: reads the options and runs the worker.
+#include "common/base/freed_memory.hpp"
 #include "common/base/version.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
@@ -189,6 +190,7 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
 } // namespace
 
 int main(int argc, char** argv) try {
+    keep_freed_memory();
     const net::SignalWatch signals({SIGINT, SIGTERM});
     Arguments arguments;
     arguments.options.threads = worker::usable_cpu_count();

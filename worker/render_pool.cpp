@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <exception>
 #include <limits>
 #include <new>
@@ -90,10 +89,6 @@ struct Drawn {
     RayCounts rays;
 };
 
-std::byte byte_of(std::uint32_t bits, unsigned index) {
-    return static_cast<std::byte>(bits >> (8 * index) & 0xff);
-}
-
 /// One ray through the middle of each square: how many it leads to.
 Result<Drawn> probe(const CompiledScene& scene, const protocol::PictureSettings& settings,
                     const PixelRect& rect, std::uint32_t side, RenderControl& control) {
@@ -110,28 +105,22 @@ Result<Drawn> probe(const CompiledScene& scene, const protocol::PictureSettings&
         rays.rgb.push_back(static_cast<float>(rays_of(drawn->rays).total()));
         all += drawn->rays;
     }
-    return Drawn{pixel_blobs(rays), all};
+    return Drawn{pixel_blobs(std::move(rays)), all};
 }
 
 } // namespace
 
-std::vector<Blob> pixel_blobs(const Tile& tile) {
+std::vector<Blob> pixel_blobs(Tile tile) {
+    static_assert(std::endian::native == std::endian::little, "pixels travel little-endian");
     static_assert(sizeof(float) == 4 && std::numeric_limits<float>::is_iec559);
-    static_assert(protocol::chunk_bytes % sizeof(float) == 0);
-    std::vector<Blob> blobs;
-    Bytes bytes;
-    for (const std::vector<float>* floats :
+    std::vector<Blob> planes;
+    for (std::vector<float>* plane :
          {&tile.rgb, &tile.samples, &tile.error, &tile.variance, &tile.cut})
-        for (const float value : *floats) {
-            const auto bits = std::bit_cast<std::uint32_t>(value);
-            for (unsigned b = 0; b < 4; ++b)
-                bytes.push_back(byte_of(bits, b));
-            if (bytes.size() == protocol::chunk_bytes)
-                blobs.push_back(Blob(std::exchange(bytes, {})));
+        if (!plane->empty()) {
+            const auto owner = std::make_shared<const std::vector<float>>(std::move(*plane));
+            planes.emplace_back(owner, std::as_bytes(std::span(*owner)));
         }
-    if (!bytes.empty())
-        blobs.push_back(Blob(std::move(bytes)));
-    return blobs;
+    return cut(joined(planes), protocol::chunk_bytes);
 }
 
 RenderPool::RenderPool(std::uint32_t threads, std::size_t queue_max, const net::Waker& done)
@@ -286,7 +275,7 @@ void RenderPool::carry_out(Drawing deed) {
                                                *deed.control);
         if (!tile)
             return tile.error();
-        return Drawn{pixel_blobs(tile->tile), tile->rays};
+        return Drawn{pixel_blobs(std::move(tile->tile)), tile->rays};
     });
     const Duration elapsed = net::now() - begin;
     const auto [session, ticket] = deed.key;

@@ -95,6 +95,6 @@ private:
 };
 
 /// Pixels as they travel: little-endian 32-bit floats, cut every protocol::chunk_bytes.
-[[nodiscard]] std::vector<Blob> pixel_blobs(const Tile& tile);
+[[nodiscard]] std::vector<Blob> pixel_blobs(Tile tile);
 
 } // namespace fraja::worker

@@ -19,4 +19,15 @@ Blob joined(std::span<const Blob> blobs) {
     return Blob(std::move(all));
 }
 
+std::vector<Blob> cut(const Blob& whole, std::size_t part_bytes) {
+    FRAJA_ASSERT(part_bytes > 0);
+    std::vector<Blob> parts;
+    std::size_t begin = 0;
+    do {
+        parts.push_back(whole.part(begin, std::min(part_bytes, whole.size() - begin)));
+        begin += part_bytes;
+    } while (begin < whole.size());
+    return parts;
+}
+
 } // namespace fraja

@@ -55,15 +55,7 @@ std::vector<Blob> PixelPlanes::blobs(const PixelRect& part) const {
     for_each_row(part, [&](std::size_t here, std::size_t there, std::size_t size) {
         std::memcpy(all.data() + there, bytes_.data() + here, size);
     });
-    if (all.size() <= chunk_bytes)
-        return {Blob(std::move(all))};
-    std::vector<Blob> cut;
-    for (std::size_t begin = 0; begin < all.size(); begin += chunk_bytes) {
-        const std::size_t end = std::min(begin + chunk_bytes, all.size());
-        cut.push_back(Blob(Bytes(all.begin() + static_cast<std::ptrdiff_t>(begin),
-                                 all.begin() + static_cast<std::ptrdiff_t>(end))));
-    }
-    return cut;
+    return cut(Blob(std::move(all)), chunk_bytes);
 }
 
 } // namespace fraja::protocol

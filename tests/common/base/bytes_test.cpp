@@ -35,3 +35,30 @@ TEST_CASE("blobs are counted and joined in their order; a single one is not copi
     CHECK(joined({}).empty());
     CHECK(joined(std::span(some).last(1)).data() == some.back().data());
 }
+
+TEST_CASE("a part of a blob is the same bytes in memory, and keeps them") {
+    Blob whole(to_bytes("abcdef"));
+    const std::byte* const begin = whole.data();
+    const Blob part = whole.part(2, 3);
+    whole = Blob();
+    CHECK(part.data() == begin + 2);
+    CHECK(as_text(part) == "cde");
+    CHECK(as_text(part.part(1, 2)) == "de");
+    CHECK(part.part(3, 0).empty());
+}
+
+TEST_CASE("a blob is cut into parts of one size and a rest, not copied") {
+    const Blob whole(to_bytes("abcdefg"));
+    const auto texts = [](const std::vector<Blob>& parts) {
+        std::vector<std::string_view> all;
+        for (const Blob& part : parts)
+            all.push_back(as_text(part));
+        return all;
+    };
+    CHECK(texts(cut(whole, 3)) == std::vector<std::string_view>{"abc", "def", "g"});
+    CHECK(texts(cut(whole.part(0, 6), 3)) == std::vector<std::string_view>{"abc", "def"});
+    CHECK(texts(cut(whole, 7)) == std::vector<std::string_view>{"abcdefg"});
+    CHECK(texts(cut(whole, 100)) == std::vector<std::string_view>{"abcdefg"});
+    CHECK(texts(cut(Blob(), 3)) == std::vector<std::string_view>{""});
+    CHECK(cut(whole, 3)[1].data() == whole.data() + 3);
+}
