@@ -83,22 +83,29 @@ inline void check_row(const ManifestRow& row, const std::function<RunResult(Word
     CHECK(differing == 0);
 }
 
-inline void check_rows_locally(bool large) {
-    for (const ManifestRow& row : manifest())
-        if (row.large == large)
-            check_row(row, [](Words words) {
-                words.push_back("--local");
-                return submit(words);
-            });
+/// Those of the manifest that are large, or those that are not: from `first` on, each `step`th.
+inline std::vector<ManifestRow> rows(bool large, std::size_t first = 0, std::size_t step = 1) {
+    std::vector<ManifestRow> all = manifest(), chosen;
+    std::erase_if(all, [&](const ManifestRow& row) { return row.large != large; });
+    for (std::size_t i = first; i < all.size(); i += step)
+        chosen.push_back(all[i]);
+    return chosen;
 }
 
-inline void check_rows_on_a_farm(bool large) {
+inline void check_locally(const std::vector<ManifestRow>& rows) {
+    for (const ManifestRow& row : rows)
+        check_row(row, [](Words words) {
+            words.push_back("--local");
+            return submit(words);
+        });
+}
+
+inline void check_on_a_farm(const std::vector<ManifestRow>& rows) {
     Farm farm;
     farm.add_worker("one");
     farm.add_worker("two");
-    for (const ManifestRow& row : manifest())
-        if (row.large == large)
-            check_row(row, [&](const Words& words) { return farm.submit(words); });
+    for (const ManifestRow& row : rows)
+        check_row(row, [&](const Words& words) { return farm.submit(words); });
 }
 
 } // namespace fraja::e2e

@@ -52,7 +52,8 @@ function(fraja_cold)
 endfunction()
 
 # fraja_test_settings(<target>): how tests, and libraries of theirs, are compiled. What is tested runs as users run it; the
-# tests themselves are to be compiled soon, but those of rays compute much.
+# tests themselves are to be compiled soon, but those of rays compute much. Most of a test's source is what it includes:
+# but for the dev preset, some are compiled as one.
 function(fraja_test_settings target)
     get_target_property(links ${target} LINK_LIBRARIES)
     target_link_libraries(${target} PRIVATE fraja_flags)
@@ -60,6 +61,10 @@ function(fraja_test_settings target)
     target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
     if(NOT "fraja::render" IN_LIST links)
         target_compile_options(${target} PRIVATE $<$<CONFIG:RelWithDebInfo>:-O0>)
+    endif()
+    if(CMAKE_BUILD_TYPE STREQUAL "Release")
+        set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 4)
+        target_link_libraries(${target} PRIVATE fraja_unity_flags)
     endif()
     target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS
         FRAJA_SOURCE_DIR="${PROJECT_SOURCE_DIR}" FRAJA_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
