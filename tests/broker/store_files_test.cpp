@@ -70,13 +70,13 @@ TEST_CASE("a store of a newer broker is refused and says what to do") {
     const TempDirectory directory;
     fill(directory.path(), 1);
     execute(directory.file(), "PRAGMA user_version = 2");
-    const std::string before = file_bytes(directory.file());
+    const std::string before = bytes_of(directory.file());
     const Error error = refusal(directory.path());
     CHECK(error.code == ErrorCode::version_mismatch);
     says(error, directory.file().string() + " was written by a newer fraja-broker (store version "
                                             "2, this one knows 1): use that one, or another "
                                             "--state");
-    CHECK(file_bytes(directory.file()) == before);
+    CHECK(bytes_of(directory.file()) == before);
 }
 
 TEST_CASE("a file that is no store is refused and left as it is") {
@@ -93,12 +93,12 @@ TEST_CASE("a file that is no store is refused and left as it is") {
     SUBCASE("another program's database with a log") {
         execute(directory.file(), "PRAGMA journal_mode = WAL; CREATE TABLE recipes (name TEXT)");
     }
-    const std::string before = file_bytes(directory.file());
+    const std::string before = bytes_of(directory.file());
     const Error error = refusal(directory.path());
     CHECK(error.code == ErrorCode::invalid_argument);
     says(error, directory.file().string() + ": this is no store of fraja-broker");
     says(error, "--state");
-    CHECK(file_bytes(directory.file()) == before);
+    CHECK(bytes_of(directory.file()) == before);
 }
 
 TEST_CASE("a store in which nothing is yet is filled") {
@@ -126,13 +126,13 @@ TEST_CASE("a damaged store is refused and left as it is") {
     SUBCASE("its end is missing") {
         fs::resize_file(directory.file(), size / 2);
     }
-    const std::string before = file_bytes(directory.file());
+    const std::string before = bytes_of(directory.file());
     for (int i = 0; i < 2; ++i) { // and again
         const Error error = refusal(directory.path());
         CHECK(error.code == ErrorCode::io);
         says(error, directory.file().string() + " is damaged");
         says(error, "--state");
-        CHECK(file_bytes(directory.file()) == before);
+        CHECK(bytes_of(directory.file()) == before);
     }
 }
 

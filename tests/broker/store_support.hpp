@@ -7,14 +7,13 @@
 #include "common/base/rng.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
+#include "tests/support/file_bytes.hpp"
 #include "tests/support/messages.hpp"
 
 #include <algorithm>
 #include <doctest/doctest.h>
 #include <filesystem>
-#include <fstream>
 #include <initializer_list>
-#include <iterator>
 #include <string>
 #include <vector>
 
@@ -101,11 +100,6 @@ inline bool same_tile(const protocol::TileDone& a, const protocol::TileDone& b) 
     return a.job == b.job && a.tile == b.tile && a.frame == b.frame && a.pass == b.pass &&
            a.rect == b.rect && a.worker_name == b.worker_name && a.rays == b.rays &&
            a.elapsed == b.elapsed && a.blobs == b.blobs;
-}
-
-inline std::string file_bytes(const std::filesystem::path& path) {
-    std::ifstream stream(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(stream), {}};
 }
 
 } // namespace fraja::broker

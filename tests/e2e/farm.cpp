@@ -53,15 +53,6 @@ double resident_mib(pid_t pid) {
     return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
 }
 
-std::string bytes_of(const std::string& path) {
-    std::ifstream in(path, std::ios::binary);
-    INFO(path);
-    REQUIRE(in.good());
-    std::ostringstream bytes;
-    bytes << in.rdbuf();
-    return bytes.str();
-}
-
 RunResult submit(Words arguments, const Words& env) {
     auto result = run({with({program("fraja-submit")}, arguments), env}, patience);
     REQUIRE_MESSAGE(result.has_value(), (result ? "" : result.error().message));

@@ -2,6 +2,7 @@
 // watchers.
 #pragma once
 
+#include "tests/support/file_bytes.hpp"
 #include "tests/support/process.hpp"
 
 #include <chrono>
@@ -68,9 +69,6 @@ private:
 
 /// Resident memory of a process, in MiB.
 double resident_mib(pid_t pid);
-
-/// The bytes of a file; the test fails when it is not there.
-std::string bytes_of(const std::string& path);
 
 inline bool contains(std::string_view text, std::string_view part) {
     return text.find(part) != std::string_view::npos;

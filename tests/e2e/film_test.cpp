@@ -68,10 +68,8 @@ TEST_CASE("a film's frames are the pictures that --local draws of them, in numbe
 
 TEST_CASE("a frame is the picture of its scene with another camera") {
     const Scratch scratch;
-    std::ifstream in(travel);
-    const std::string cameras{std::istreambuf_iterator<char>(in), {}};
-    std::ifstream scene_in(scene("cone"));
-    std::string text{std::istreambuf_iterator<char>(scene_in), {}};
+    const std::string cameras = bytes_of(travel);
+    std::string text = bytes_of(scene("cone"));
     const std::size_t begin = cameras.find("raja.renderer"), end = cameras.find("  },", begin) + 3;
     const std::size_t at = text.find("raja.renderer.HorizontalCamera");
     REQUIRE(at != std::string::npos);

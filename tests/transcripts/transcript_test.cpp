@@ -1,5 +1,6 @@
 // The stories of the broker's core, each in a .txt file beside this one: what it does about what
 // happens. FRAJA_UPDATE=1 writes down what it does now; the difference is there to be read.
+#include "tests/support/file_bytes.hpp"
 #include "tests/transcripts/transcript.hpp"
 
 #include <algorithm>
@@ -7,7 +8,6 @@
 #include <doctest/doctest.h>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,12 +19,6 @@ namespace fs = std::filesystem;
 
 const fs::path folder = fs::path(FRAJA_SOURCE_DIR) / "tests" / "transcripts";
 
-std::string text_of(const fs::path& file) {
-    std::ostringstream text;
-    text << std::ifstream(file, std::ios::binary).rdbuf();
-    return text.str();
-}
-
 std::vector<fs::path> transcripts() {
     std::vector<fs::path> files;
     for (const auto& entry : fs::directory_iterator(folder))
@@ -35,7 +29,7 @@ std::vector<fs::path> transcripts() {
 }
 
 void check(const fs::path& file) {
-    const std::string name = file.filename().string(), before = text_of(file);
+    const std::string name = file.filename().string(), before = bytes_of(file);
     const Replay now = replay(before, name);
     if (now.error)
         FAIL_CHECK(now.error->message);

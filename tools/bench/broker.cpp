@@ -69,7 +69,7 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
         while (socket.send(encode(message)) != net::SendStatus::sent)
             std::this_thread::sleep_for(1ms);
     };
-    const Blob scene = Blob(to_bytes("a scene that nobody reads"));
+    const Blob scene(to_bytes("a scene that nobody reads"));
     const auto columns =
         static_cast<std::uint32_t>(std::ceil(std::sqrt(static_cast<double>(tiles))));
     const std::uint32_t rows = (tiles + columns - 1) / columns;

@@ -105,15 +105,6 @@ def cpu_seconds(pid):
     """That a process has used so far, in all its threads."""
     return time.clock_gettime(~pid << 3 | 2) # as clock_getcpuclockid() makes it
 
-def run_cpu_seconds(command):
-    """That a program uses from its start to its end; it must be content."""
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if status:
-        sys.exit('%s failed' % ' '.join(command))
-    return usage.ru_utime + usage.ru_stime
-
 def resident_mb(pid):
     with open('/proc/%d/statm' % pid) as file:
         return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6

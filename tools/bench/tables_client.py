@@ -40,19 +40,19 @@ def measure(bench):
         words = bench.words(picture) + ['-b', farm.broker]
         bench.have_drawn(picture, words[-2:], best)
         for _ in range(bench.runs):
-            start = harness.run_cpu_seconds(words + ['--dry-run'])
             samples, cpu, told = watch(words + ['--json', '-o', path], .02 if bench.quick else INTERVAL)
             with open(path, 'rb') as file:
                 if file.read() != pixels:
                     sys.exit('the farm draws another picture than --local')
-            found.append((100 * (cpu - start) / told['elapsed_s'], start, cpu, told['elapsed_s'], samples))
-    percent, start, cpu, elapsed, samples = sorted(found)[len(found) // 2]
+            used = told['processor_s']
+            found.append((100 * used / told['elapsed_s'], cpu - used, used, told['elapsed_s'], samples))
+    percent, start, used, elapsed, samples = sorted(found)[len(found) // 2]
     bench.samples = [dict(zip(SAMPLES_HEADER, ('%.3f' % at, '%.2f' % cpu, '%.0f' % network))) for at, cpu, network in rates(samples)]
     after = [row[1] for row in rates(samples) if row[0] > (0 if bench.quick else 1 + INTERVAL)] # what starts is over by then
     if samples[-1][2] == 0 and not bench.quick: # then it may have ended before anybody looked
         sys.exit('this kernel does not tell what sockets have received')
     silent = max(at for at, _, received in samples if received == 0)
-    yield bench.line('client', picture, workers=COUNT, elapsed_s='%.3f' % elapsed, start_cpu_s='%.3f' % start, cpu_s='%.3f' % (cpu - start),
+    yield bench.line('client', picture, workers=COUNT, elapsed_s='%.3f' % elapsed, start_cpu_s='%.3f' % start, cpu_s='%.3f' % used,
                      cpu_percent='%.2f' % percent, greatest_cpu_percent='%.1f' % max(after, default=0), received_mb='%.3f' % (samples[-1][2] / 1e6),
                      mb_per_s='%.3f' % (samples[-1][2] / 1e6 / max(samples[-1][0] - silent, 1e-3)),
                      greatest_mb_per_s='%.3f' % max((row[2] / 1e6 for row in rates(samples)), default=0), mark=MARK_PERCENT,
@@ -63,7 +63,7 @@ def missed(line):
 
 NOTE = """Every %g s: the processor time that `fraja-submit` has used, and the bytes that its TCP sockets have received (payload, as the kernel
 counts it for each socket: `tcpi_bytes_received`, what `ss -ti` shows). The average is over the time that the job takes by the broker; what
-the process uses to start, which a `--dry-run` tells, is left out, the writing of the picture is not. The greatest figures are those of
+the process uses to start is left out, the writing of the picture is not. The greatest figures are those of
 one interval, that of the processor after the first second. The mark: %g %% of one processor on average. The run with the median of these is
 in `client_samples.csv` and the plot.""" % (INTERVAL, MARK_PERCENT)
 TABLES = {'client': Table(

@@ -1,6 +1,5 @@
 """What more samples cost, and the report's show-off: drawn by this machine's processors, without a farm."""
-import os, resource, statistics
-import harness
+import os, statistics
 from tables_bench import GLASS, FIRST, LAST, Table
 
 HEADER = FIRST + ['workers', 'rays', 'elapsed_s', 'least_s', 'greatest_s', 'cpu_s', 'factor', 'cpu_factor', 'rays_factor', 'estimate_s',
@@ -16,12 +15,9 @@ def processor():
     return (names or ['a processor'])[0].replace('(R)', '')
 
 def draw(bench, picture):
-    """Seconds, processor time and rays; without the start of the process, that of a --dry-run."""
-    start = harness.run_cpu_seconds(bench.words(picture) + ['--local', '--dry-run'])
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    """Seconds, processor time and rays; without the start of the process."""
     told, _ = bench.submit(picture, ['--local'], 'price')
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return told['elapsed_s'], after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime - start, told['rays']['total']
+    return told['elapsed_s'], told['processor_s'], told['rays']['total']
 
 def line(bench, table, picture, drawn, before=None, **columns):
     """Of what several runs took; `before`: what the picture of half as many samples each way took."""

@@ -1,6 +1,7 @@
 #include "common/image_io/picture_file.hpp"
 
 #include "common/base/ids.hpp"
+#include "tests/support/file_bytes.hpp"
 
 #include <algorithm>
 #include <array>
@@ -53,11 +54,6 @@ private:
     rlimit old_{};
     void (*old_handler_)(int) = SIG_DFL;
 };
-
-std::string content(const fs::path& path) {
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
 
 void put(const fs::path& path, std::string_view text) {
     std::ofstream(path, std::ios::binary) << text;
@@ -151,7 +147,7 @@ TEST_CASE("png says nothing about colour nor time") {
     const Folder folder;
     const LevelsPicture picture = all_levels();
     REQUIRE(write_levels(folder / "a.png", {picture.extent, picture.rgb}));
-    const std::string bytes = content(folder / "a.png");
+    const std::string bytes = bytes_of(folder / "a.png");
     for (const char* chunk : {"gAMA", "cHRM", "sRGB", "iCCP", "tIME", "tEXt"}) {
         CAPTURE(chunk);
         CHECK(bytes.find(chunk) == std::string::npos);
@@ -210,8 +206,8 @@ TEST_CASE("8-bit formats have no room for samples and errors: they hold the same
         CAPTURE(ext);
         REQUIRE(write_picture(folder / (std::string("a") + ext), film));
         REQUIRE(write_picture(folder / (std::string("b") + ext), colours));
-        CHECK(content(folder / (std::string("a") + ext)) ==
-              content(folder / (std::string("b") + ext)));
+        CHECK(bytes_of(folder / (std::string("a") + ext)) ==
+              bytes_of(folder / (std::string("b") + ext)));
     }
 }
 
@@ -228,13 +224,13 @@ TEST_CASE("same pixels make the same bytes") {
         CAPTURE(ext);
         REQUIRE(write(folder / (std::string("a") + ext)));
         REQUIRE(write(folder / (std::string("other name") + ext)));
-        const std::string first = content(folder / (std::string("a") + ext));
-        CHECK(first == content(folder / (std::string("other name") + ext)));
+        const std::string first = bytes_of(folder / (std::string("a") + ext));
+        CHECK(first == bytes_of(folder / (std::string("other name") + ext)));
     }
     const Film estimates = film_with_estimates({64, 12}, {0, 0, 64, 12});
     REQUIRE(write_picture(folder / "c.exr", estimates, attributes));
     REQUIRE(write_picture(folder / "d.exr", estimates, attributes));
-    CHECK(content(folder / "c.exr") == content(folder / "d.exr"));
+    CHECK(bytes_of(folder / "c.exr") == bytes_of(folder / "d.exr"));
 }
 
 TEST_CASE("no file tells when it was written") { // the bytes above were written in one second
@@ -246,7 +242,7 @@ TEST_CASE("no file tells when it was written") { // the bytes above were written
     for (const char* name : {"a.png", "a.exr", "a.tif", "a.jpg", "a.bmp", "a.ppm", "a.tga"}) {
         CAPTURE(name);
         REQUIRE(write_picture(folder / name, film));
-        CHECK(content(folder / name).find(year.data()) == std::string::npos);
+        CHECK(bytes_of(folder / name).find(year.data()) == std::string::npos);
     }
 }
 
@@ -261,7 +257,7 @@ TEST_CASE("write_picture quantises for 8-bit formats and leaves out the attribut
         REQUIRE(write_picture(folder / name, film, attributes));
         CHECK(read_levels(folder / name).value() ==
               LevelsPicture{{2, 1}, {0, 128, 255, 255, 0, 0}});
-        CHECK(content(folder / name).find("00ff") == std::string::npos);
+        CHECK(bytes_of(folder / name).find("00ff") == std::string::npos);
     }
 }
 
@@ -313,7 +309,7 @@ TEST_CASE("check_writable finds what would spoil the end of a render and leaves 
     }
     CHECK(check_writable(folder / (std::string(400, 'x') + ".png")).error().code == ErrorCode::io);
     CHECK(check_writable("/proc/a.png").error().code == ErrorCode::io); // root may not either
-    CHECK(content(folder / "old.png") == "old");
+    CHECK(bytes_of(folder / "old.png") == "old");
     CHECK(folder.file_count() == 2);
 }
 
@@ -371,9 +367,9 @@ TEST_CASE("a failing write leaves the old picture and nothing else") {
             CHECK(written.error().message.starts_with(path.string() + ": "));
             CHECK(written.error().message.find(".fraja-") == std::string::npos);
         }
-        CHECK(content(path) == "the old one");
+        CHECK(bytes_of(path) == "the old one");
         REQUIRE(write(path));
-        CHECK(content(path) != "the old one");
+        CHECK(bytes_of(path) != "the old one");
         fs::remove(path);
         CHECK(folder.file_count() == 0);
     }

@@ -20,7 +20,7 @@ std::string refusal(std::string_view text, std::string_view file_name) {
 }
 
 std::string refusal_of_invalid(const std::string& file) {
-    return refusal(text_of(scenes_folder() / "invalid" / file), file);
+    return refusal(bytes_of(scenes_folder() / "invalid" / file), file);
 }
 
 } // namespace
@@ -125,7 +125,7 @@ TEST_CASE("every invalid scene is refused with the right words") {
 }
 
 TEST_CASE("errors stand where Raja sees them") {
-    std::istringstream table(text_of(scenes_folder() / "invalid" / "invalid.csv"));
+    std::istringstream table(bytes_of(scenes_folder() / "invalid" / "invalid.csv"));
     int compared = 0;
     for (std::string row; std::getline(table, row);) {
         const std::string file = row.substr(0, row.find(','));
@@ -319,7 +319,7 @@ TEST_CASE("a name that is nearly right brings the right one") {
 }
 
 TEST_CASE("missing_texture.raj is refused before anything is drawn") {
-    CHECK(refusal(text_of(scenes_folder() / "missing_texture.raj"), "missing_texture.raj") ==
+    CHECK(refusal(bytes_of(scenes_folder() / "missing_texture.raj"), "missing_texture.raj") ==
           "missing_texture.raj:8:22: raja.shape.BasicTexturedForm lacks 'textureOut', a texture "
           "(or 'texture', for both sides)");
 }

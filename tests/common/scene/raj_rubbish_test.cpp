@@ -16,7 +16,7 @@ const std::vector<std::string>& collection() {
         std::vector<std::string> all;
         for (const auto& folder : {scenes_folder(), scenes_folder() / "invalid"})
             for (const auto& path : raj_files(folder))
-                all.push_back(text_of(path));
+                all.push_back(bytes_of(path));
         return all;
     }();
     return texts;
@@ -88,7 +88,7 @@ void mutate(std::string& text, Rng& rng) {
 } // namespace
 
 TEST_CASE("a scene cut at any byte is refused or read") {
-    const std::string text = text_of(scenes_folder() / "labels.raj"); // it has everything
+    const std::string text = bytes_of(scenes_folder() / "labels.raj"); // it has everything
     for (std::size_t n = 0; n < text.size(); ++n)
         read_rubbish(std::string_view(text).substr(0, n));
     for (const std::string& other : collection())

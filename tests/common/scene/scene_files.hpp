@@ -1,11 +1,10 @@
 // Where the collection of scenes is, for tests.
 #pragma once
 
+#include "tests/support/file_bytes.hpp"
+
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
-#include <string>
 #include <vector>
 
 namespace fraja {
@@ -29,11 +28,6 @@ inline std::vector<std::filesystem::path> valid_scene_files() {
     auto paths = raj_files(scenes_folder());
     std::erase_if(paths, [](const auto& path) { return path.filename() == "missing_texture.raj"; });
     return paths;
-}
-
-inline std::string text_of(const std::filesystem::path& path) {
-    std::ifstream file(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(file), {}};
 }
 
 } // namespace fraja
