@@ -143,4 +143,25 @@ std::vector<M> sent(const std::vector<Action>& actions) {
     return found;
 }
 
+/// Connected, with a compiled scene of one chunk.
+struct Ready : SessionDriver {
+    TestScene scene{100};
+    Ready() {
+        connect();
+        (void)receive(order(scene, 0));
+        (void)receive(scene.chunk(0));
+        const auto actions = step(SceneCompiled{scene.hash});
+        (void)step(TileFinished{of_type<StartTile>(actions).at(0).ticket, {}, {}, {}});
+    }
+};
+
+/// Of the one tile that was answered so: whose fault it is, and why.
+inline std::string failure(const std::vector<Action>& actions) {
+    const auto failed = sent<protocol::TileFailed>(actions);
+    if (failed.size() != 1)
+        return std::to_string(failed.size()) + " failures";
+    const char* names[] = {"scene: ", "machine: ", "cancelled: "};
+    return names[static_cast<int>(failed[0].code)] + failed[0].reason;
+}
+
 } // namespace fraja::worker
