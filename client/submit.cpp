@@ -187,20 +187,12 @@ private:
     Outcome render(SubmitListener& listener) {
         const net::Context context;
         std::unique_ptr<LocalFarm> farm;
-        SubmissionRequest request{.job = {.job = random_id<JobId>(),
-                                          .job_name = options_.job_name,
-                                          .scene = scene_.hash,
-                                          .scene_bytes = scene_.text.size(),
-                                          .settings = options_.settings,
-                                          .tile_side = options_.tile_side,
-                                          .order = options_.order,
-                                          .priority = options_.priority,
-                                          .wishes = options_.wishes,
-                                          .resume = options_.resume},
-                                  .scene_text = scene_.text,
-                                  .session = session_options(options_.shared),
-                                  .detach = options_.detach,
-                                  .timeout = options_.timeout};
+        SubmissionRequest request{
+            .job = new_job(options_, options_.job_name, scene_.hash, scene_.text.size()),
+            .scene_text = scene_.text,
+            .session = session_options(options_.shared),
+            .detach = options_.detach,
+            .timeout = options_.timeout};
         if (const protocol::PictureSettings& s = options_.settings; s.limited_in_time())
             request.ends_at = started_ + s.time_limit;
         if (options_.own_farm()) {

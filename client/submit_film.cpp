@@ -236,22 +236,12 @@ private:
         if (!scene)
             return {ExitCode::job_failed, scene.error().message};
         const std::string number = fmt::format("-{:04}", state.number);
-        SubmissionRequest request{
-            .job = {.job = random_id<JobId>(),
-                    .job_name =
-                        options_.job_name.substr(0, protocol::name_bytes_max - number.size()) +
-                        number,
-                    .scene = scene->hash,
-                    .scene_bytes = scene->text.size(),
-                    .settings = options_.settings,
-                    .tile_side = options_.tile_side,
-                    .order = options_.order,
-                    .priority = options_.priority,
-                    .wishes = options_.wishes,
-                    .resume = options_.resume},
-            .scene_text = scene->text,
-            .session = session_,
-            .timeout = std::nullopt};
+        const std::string name =
+            options_.job_name.substr(0, protocol::name_bytes_max - number.size()) + number;
+        SubmissionRequest request{.job = new_job(options_, name, scene->hash, scene->text.size()),
+                                  .scene_text = scene->text,
+                                  .session = session_,
+                                  .timeout = std::nullopt};
         request.job.wishes.film = report_.film;
         request.job.wishes.frame = state.number;
         FrameListener listener(shared_, state);

@@ -9,6 +9,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 
 namespace fraja::client {
 namespace {
@@ -380,6 +381,20 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;
     return std::move(a.options);
+}
+
+protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,
+                            const ContentHash& scene, std::uint64_t scene_bytes) {
+    return {.job = random_id<JobId>(),
+            .job_name = std::move(name),
+            .scene = scene,
+            .scene_bytes = scene_bytes,
+            .settings = options.settings,
+            .tile_side = options.tile_side,
+            .order = options.order,
+            .priority = options.priority,
+            .wishes = options.wishes,
+            .resume = options.resume};
 }
 
 } // namespace fraja::client

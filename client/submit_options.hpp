@@ -39,4 +39,8 @@ struct SubmitOptions {
 /// Everything that can be checked without looking at a file or a broker is checked.
 [[nodiscard]] Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments);
 
+/// What is wanted, as a new job.
+[[nodiscard]] protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,
+                                          const ContentHash& scene, std::uint64_t scene_bytes);
+
 } // namespace fraja::client
