@@ -7,12 +7,12 @@
 
 namespace fraja {
 
-void keep_freed_memory() {
+void keep_freed_memory([[maybe_unused]] std::size_t bytes) {
 #ifdef __GLIBC__
-    constexpr int kept_bytes = 64 << 20;
-    mallopt(M_TRIM_THRESHOLD, kept_bytes);
-    mallopt(M_TOP_PAD, kept_bytes);
-    mallopt(M_MMAP_THRESHOLD, 4 << 20); // setting the others fixes it at 128 KiB
+    const int kept = static_cast<int>(bytes);
+    mallopt(M_TRIM_THRESHOLD, kept);
+    mallopt(M_TOP_PAD, kept);
+    mallopt(M_MMAP_THRESHOLD, kept / 16); // setting the others fixes it at 128 KiB
 #endif
 }
 
