@@ -1,5 +1,6 @@
 #include "client/submit_options.hpp"
 
+#include "common/base/ids.hpp"
 #include "common/base/text.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"

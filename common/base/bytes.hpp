@@ -30,8 +30,8 @@ public:
     Blob(std::shared_ptr<const void> owner, std::span<const std::byte> bytes)
         : owner_(std::move(owner)), bytes_(bytes) {}
 
-    /// So many of these bytes, not copied; the whole of them stays as long as it does. They must be
-    /// there (asserted).
+    /// So many of these bytes, not copied: a part keeps the whole in memory. They must be there
+    /// (asserted).
     [[nodiscard]] Blob part(std::size_t begin, std::size_t size) const {
         FRAJA_ASSERT(begin <= bytes_.size() && size <= bytes_.size() - begin);
         return {owner_, bytes_.subspan(begin, size)};
@@ -55,7 +55,7 @@ private:
 [[nodiscard]] std::size_t byte_count(std::span<const Blob> blobs);
 /// All of them one after the other; of a single one the same bytes, not copied.
 [[nodiscard]] Blob joined(std::span<const Blob> blobs);
-/// The same bytes in parts of `part_bytes`, and one with what is left: at least one part.
+/// Blob::part()s of `part_bytes` (more than none, asserted), and one of what is left: at least one.
 [[nodiscard]] std::vector<Blob> cut(const Blob& whole, std::size_t part_bytes);
 
 [[nodiscard]] inline Bytes to_bytes(std::string_view text) {

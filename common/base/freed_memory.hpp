@@ -5,10 +5,10 @@
 
 namespace fraja {
 
-/// From now on malloc keeps up to so much of what is freed, in each of its arenas, for what comes
-/// next, and takes as much at once of the system; a sixteenth of it and more is a mapping of its
-/// own. By itself it gives memory back as soon as 128 KiB are free, and of every few tiles that go
-/// through a thread, the pages are fetched and cleared anew.
+/// From now on malloc keeps up to about so much of what is freed, in each of its arenas, for what
+/// comes next, and takes a quarter of it at once of the system; only from 4 MiB on a piece is a
+/// mapping of its own. By itself it gives memory back as soon as 128 KiB are free, and of every few
+/// tiles that go through a thread, the pages are fetched and cleared anew.
 void keep_freed_memory(std::size_t bytes = std::size_t{64} << 20);
 
 } // namespace fraja

@@ -3,7 +3,6 @@
 #include "common/base/assert.hpp"
 #include "common/protocol/limits.hpp"
 
-#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <utility>

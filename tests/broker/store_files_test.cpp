@@ -12,6 +12,7 @@
 #include <csignal>
 #include <cstdio>
 #include <doctest/doctest.h>
+#include <fstream>
 #include <sys/wait.h>
 #include <thread>
 #include <unistd.h>

@@ -104,6 +104,28 @@ TEST_CASE("fraja-submit reads every option") {
     CHECK_FALSE(o.own_farm());
 }
 
+TEST_CASE("a new job is what the options ask for") {
+    const SubmitOptions o =
+        submit("a.raj -r 640x480 -a 4 --tile 16 --order spiral -p -3 --max-workers 7 --tag gpu "
+               "--resume");
+    ContentHash scene;
+    scene.bytes[0] = 5;
+    const protocol::SubmitJob job = new_job(o, "the name", scene, 123);
+    CHECK(job.job != JobId{});
+    CHECK(job.job != new_job(o, "the name", scene, 123).job);
+    CHECK(job.job_name == "the name");
+    CHECK(job.scene == scene);
+    CHECK(job.scene_bytes == 123);
+    CHECK(job.settings == o.settings);
+    CHECK(job.settings.aa == 4);
+    CHECK(job.tile_side == 16);
+    CHECK(job.order == protocol::TileOrder::spiral);
+    CHECK(job.priority == -3);
+    CHECK(job.wishes == o.wishes);
+    CHECK(job.wishes.workers_max == 7);
+    CHECK(job.resume);
+}
+
 namespace {
 
 std::string repeated(int count, const std::string& text) {

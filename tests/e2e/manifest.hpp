@@ -83,13 +83,11 @@ inline void check_row(const ManifestRow& row, const std::function<RunResult(Word
     CHECK(differing == 0);
 }
 
-/// Those of the manifest that are large, or those that are not: from `first` on, each `step`th.
-inline std::vector<ManifestRow> rows(bool large, std::size_t first = 0, std::size_t step = 1) {
-    std::vector<ManifestRow> all = manifest(), chosen;
-    std::erase_if(all, [&](const ManifestRow& row) { return row.large != large; });
-    for (std::size_t i = first; i < all.size(); i += step)
-        chosen.push_back(all[i]);
-    return chosen;
+/// Those of the manifest that are large, or those that are not.
+inline std::vector<ManifestRow> rows(bool large) {
+    std::vector<ManifestRow> rows = manifest();
+    std::erase_if(rows, [&](const ManifestRow& row) { return row.large != large; });
+    return rows;
 }
 
 inline void check_locally(const std::vector<ManifestRow>& rows) {

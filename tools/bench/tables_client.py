@@ -63,13 +63,13 @@ def missed(line):
 
 NOTE = """Every %g s: the processor time that `fraja-submit` has used, and the bytes that its TCP sockets have received (payload, as the kernel
 counts it for each socket: `tcpi_bytes_received`, what `ss -ti` shows). The average is over the time that the job takes by the broker; what
-the process uses to start is left out, the writing of the picture is not. The greatest figures are those of
+the process uses to start and to end is left out, the writing of the picture is not. The greatest figures are those of
 one interval, that of the processor after the first second. The mark: %g %% of one processor on average. The run with the median of these is
 in `client_samples.csv` and the plot.""" % (INTERVAL, MARK_PERCENT)
 TABLES = {'client': Table(
     "The client's network and processor", 'client', HEADER, measure, NOTE,
     {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers} emulated', 'elapsed, s': '{elapsed_s:.2f}',
-     'processor at the start, s': '{start_cpu_s:.3f}', 'then, s': '{cpu_s:.3f}', 'processor on average': '{cpu_percent:.2f} %',
+     'processor at start and end, s': '{start_cpu_s:.3f}', 'between, s': '{cpu_s:.3f}', 'processor on average': '{cpu_percent:.2f} %',
      'greatest': '{greatest_cpu_percent:.1f} %', 'received, MB': '{received_mb:.2f}', 'MB/s': '{mb_per_s:.2f}',
      'greatest, MB/s': '{greatest_mb_per_s:.2f}', 'mark': '{verdict}', 'report': '{report}'}, missed)}
 SAMPLES = 'client_samples'

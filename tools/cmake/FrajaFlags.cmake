@@ -12,10 +12,8 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_L
     # GCC 12 sees overlaps in "text" + std::string(...) that are not there: GCC bug 105651.
     target_compile_options(fraja_flags INTERFACE -Wno-restrict)
 endif()
-add_library(fraja_unity_flags INTERFACE) # what is right in its own file: the dev preset sees to these
-target_compile_options(fraja_unity_flags INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
-if(CMAKE_UNITY_BUILD)
-    target_link_libraries(fraja_flags INTERFACE fraja_unity_flags)
+if(CMAKE_UNITY_BUILD) # what is right in its own file: builds without unity see to these
+    target_compile_options(fraja_flags INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 endif()
 if(FRAJA_WERROR)
     target_compile_options(fraja_flags INTERFACE -Werror)

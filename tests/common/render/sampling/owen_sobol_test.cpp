@@ -127,9 +127,9 @@ double error_of_mean(std::uint32_t samples) {
 
 TEST_CASE("the mean of a smooth function gets right much faster than with random points") {
     // Random points: 0.035 of four, and 16 times as many for a quarter.
-    const double few = error_of_mean(16), many = error_of_mean(1024);
-    CHECK(few < 0.005);
-    CHECK(many < few / 100); // 8 if random, 512 at best
+    const double of_few = error_of_mean(16), of_many = error_of_mean(1024);
+    CHECK(of_few < 0.005);
+    CHECK(of_many < of_few / 100); // 8 if random, 512 at best
 }
 
 } // namespace
