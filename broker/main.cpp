@@ -188,7 +188,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
 } // namespace
 
 int main(int argc, char** argv) {
-    keep_freed_memory();
+    keep_all_freed_memory(); // the next picture needs as much
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     Arguments arguments;
     CLI::App app(examples);

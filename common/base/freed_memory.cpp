@@ -2,23 +2,34 @@
 
 #include "common/base/assert.hpp"
 
-#include <climits>
 #include <cstdlib>
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
 
 namespace fraja {
+namespace {
 
-void keep_freed_memory([[maybe_unused]] std::size_t bytes) {
+/// Of addresses, which an arena of a thread takes at a time.
+constexpr std::size_t arena_part_bytes = std::size_t{64} << 20;
+
+void set_malloc([[maybe_unused]] std::size_t kept_bytes, [[maybe_unused]] std::size_t pad_bytes) {
 #ifdef __GLIBC__
-    FRAJA_ASSERT(bytes <= INT_MAX);
-    const int kept = static_cast<int>(bytes);
-    mallopt(M_TRIM_THRESHOLD, kept);
-    // The arenas of threads take 64 MiB at a time; with a pad as large none would be given back.
-    mallopt(M_TOP_PAD, kept / 4);
+    mallopt(M_TRIM_THRESHOLD, static_cast<int>(kept_bytes));
+    mallopt(M_TOP_PAD, static_cast<int>(pad_bytes));
     mallopt(M_MMAP_THRESHOLD, 4 << 20); // setting the others fixes it at 128 KiB
 #endif
+}
+
+} // namespace
+
+void keep_freed_memory(std::size_t bytes) {
+    FRAJA_ASSERT(bytes < arena_part_bytes);
+    set_malloc(bytes, bytes);
+}
+
+void keep_all_freed_memory() {
+    set_malloc(arena_part_bytes, arena_part_bytes); // with such a pad no part seems to be to spare
 }
 
 } // namespace fraja

@@ -249,7 +249,7 @@ void write_csv(const char* path, const std::vector<Outcome>& bare,
 int main(int argc, char** argv) {
     const Arguments arguments = read(argc, argv);
     check_answer();
-    keep_freed_memory(); // as fraja-broker does
+    keep_all_freed_memory(); // as fraja-broker does
     std::vector<Outcome> bare;
     std::vector<std::vector<Outcome>> outcomes(std::size(ways));
     for (std::uint32_t i = 0; i < arguments.runs; ++i) {
