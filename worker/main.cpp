@@ -190,7 +190,7 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
 } // namespace
 
 int main(int argc, char** argv) try {
-    keep_freed_memory(std::size_t{16} << 20); // tiles; scenes are larger, and may go
+    keep_freed_memory(std::size_t{32} << 20); // tiles; scenes are larger, and may go
     const net::SignalWatch signals({SIGINT, SIGTERM});
     Arguments arguments;
     arguments.options.threads = worker::usable_cpu_count();

@@ -25,7 +25,7 @@ void set_malloc([[maybe_unused]] std::size_t kept_bytes, [[maybe_unused]] std::s
 
 void keep_freed_memory(std::size_t bytes) {
     FRAJA_ASSERT(bytes < arena_part_bytes);
-    set_malloc(bytes, bytes);
+    set_malloc(bytes, bytes / 4);
 }
 
 void keep_all_freed_memory() {

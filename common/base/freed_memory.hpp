@@ -7,8 +7,9 @@
 
 namespace fraja {
 
-/// From now on malloc keeps about so much of what is freed, in each of its arenas, for what comes
-/// next. Less than 64 MiB (asserted): what an arena of a thread takes at once.
+/// From now on malloc keeps up to so much of what is freed, in each of its arenas, for what comes
+/// next; of more, about a quarter of that. Less than 64 MiB (asserted): what an arena of a thread
+/// takes at once.
 void keep_freed_memory(std::size_t bytes);
 
 /// All that threads free, however much that once was; of what the first one frees, 64 MiB.
