@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdlib>
-#include <fstream>
 #include <sstream>
 #include <thread>
 #include <unistd.h>
@@ -44,13 +43,6 @@ Scratch::Scratch() {
 Scratch::~Scratch() {
     std::error_code ignored;
     fs::remove_all(path_, ignored);
-}
-
-double resident_mib(pid_t pid) {
-    std::ifstream in("/proc/" + std::to_string(pid) + "/statm");
-    double total = 0, resident = 0;
-    in >> total >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
 }
 
 RunResult submit(Words arguments, const Words& env) {

@@ -4,6 +4,7 @@
 
 #include "tests/support/file_bytes.hpp"
 #include "tests/support/process.hpp"
+#include "tests/support/resident.hpp"
 
 #include <chrono>
 #include <cstdint>
@@ -66,9 +67,6 @@ public:
 private:
     fs::path path_;
 };
-
-/// Resident memory of a process, in MiB.
-double resident_mib(pid_t pid);
 
 inline bool contains(std::string_view text, std::string_view part) {
     return text.find(part) != std::string_view::npos;

@@ -1,9 +1,9 @@
 #include "common/base/freed_memory.hpp"
 
 #include "common/base/bytes.hpp"
+#include "tests/support/resident.hpp"
 
 #include <doctest/doctest.h>
-#include <fstream>
 #include <thread>
 #include <unistd.h>
 #include <vector>
@@ -14,13 +14,6 @@ using namespace fraja;
 
 namespace {
 
-double resident_mib() {
-    std::ifstream in("/proc/self/statm");
-    double total = 0, resident = 0;
-    in >> total >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
-}
-
 struct Resident {
     double before, held, freed;
 };
@@ -29,14 +22,14 @@ struct Resident {
 Resident take_and_free() {
     Resident mib{};
     std::jthread([&] {
-        mib.before = resident_mib();
+        mib.before = resident_mib(getpid());
         std::vector<Bytes> pieces;
         pieces.reserve(3'000); // nothing else lies between them
         for (int i = 0; i < 3'000; ++i)
             pieces.emplace_back(100'000, std::byte{1});
-        mib.held = resident_mib();
+        mib.held = resident_mib(getpid());
         pieces = {};
-        mib.freed = resident_mib();
+        mib.freed = resident_mib(getpid());
     }).join();
     CHECK(mib.held > mib.before + 280);
     return mib;
