@@ -48,9 +48,9 @@ struct Limits {
     std::uint32_t quarantine_failures = 3;
     Duration quarantine_window = std::chrono::minutes(10);
 
-    /// A tile should not take less (its way costs a tenth of that), nor so little that the farm has
-    /// more of them in a second.
-    Duration tile_time_min = std::chrono::milliseconds(2);
+    /// A tile should not take less (its way costs a twentieth of that), nor so little that the farm
+    /// has more of them in a second.
+    Duration tile_time_min = std::chrono::milliseconds(4);
     double tiles_per_s_max = 20'000;
     Duration tile_time_max = std::chrono::seconds(5); ///< nor more, where it can be cut
     /// Of a tile of more than one block of the picture.
