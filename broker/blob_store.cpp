@@ -79,13 +79,12 @@ std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
     if (!data || offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data->size())
         return std::nullopt;
     const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data->size() - offset_bytes);
-    const Blob part = data->part(offset_bytes, size);
     // A copy: one that waits for a worker that takes nothing must not keep the whole scene, which
     // may be released meanwhile.
     return protocol::Chunk{.blob = hash,
                            .offset_bytes = offset_bytes,
                            .total_bytes = data->size(),
-                           .blobs = {Blob(Bytes(part.begin(), part.end()))}};
+                           .blobs = {Blob::copy(data->part(offset_bytes, size))}};
 }
 
 } // namespace fraja::broker

@@ -206,8 +206,7 @@ Result<void> StoreReader::append_tiles(const JobId& job, TileIndex which,
                                        std::to_string(static_cast<std::uint32_t>(which)) +
                                        " of job " + to_string(job);
                             found.push_back(std::move(*body));
-                            found.back().blobs = cut(Blob(Bytes(pixels.begin(), pixels.end())),
-                                                     protocol::chunk_bytes);
+                            found.back().blobs = cut(Blob::copy(pixels), protocol::chunk_bytes);
                             return {};
                         });
 }

@@ -6,6 +6,7 @@
 #include "common/base/result.hpp"
 #include "common/base/version.hpp"
 
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -60,6 +61,9 @@ private:
 
 /// Prints it where it belongs: help and version on stdout, mistakes on stderr. Returns the code.
 int leave(const EarlyExit& exit);
+
+/// For keep_freed_memory(): little, as a picture is memory enough.
+inline constexpr std::size_t kept_freed_bytes = std::size_t{8} << 20;
 
 /// The arguments of main, without the program's name.
 [[nodiscard]] std::vector<std::string> arguments_of(int argc, char** argv);

@@ -25,15 +25,13 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
     const std::size_t pixels = done.rect.pixel_count();
     std::vector<float> floats = protocol::floats_of(done.blobs);
     FRAJA_ASSERT(floats.size() * sizeof(float) == pixels * settings.pixel_bytes());
-    if (floats.size() == 3 * pixels)
-        return {.rect = done.rect, .rgb = std::move(floats)};
-    auto from = floats.begin();
+    Tile tile{.rect = done.rect, .rgb = {}};
+    auto from = floats.begin() + static_cast<std::ptrdiff_t>(3 * pixels);
     const auto next = [&](std::size_t count) {
         const auto begin = from;
         from += static_cast<std::ptrdiff_t>(count);
         return std::vector<float>(begin, from);
     };
-    Tile tile{.rect = done.rect, .rgb = next(3 * pixels)};
     if (settings.estimates()) {
         tile.samples = next(pixels);
         tile.error = next(pixels);
@@ -41,6 +39,8 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
         tile.variance = next(pixels);
         tile.cut = next(pixels);
     }
+    floats.resize(3 * pixels);
+    tile.rgb = std::move(floats);
     return tile;
 }
 

@@ -8,7 +8,7 @@
 
 int main(int argc, char** argv) try {
     using namespace fraja;
-    keep_freed_memory(std::size_t{8} << 20); // a picture is memory enough
+    keep_freed_memory(client::kept_freed_bytes);
     const net::SignalWatch signals({SIGINT, SIGTERM});
     const auto parsed = client::parse_submit_options(client::arguments_of(argc, argv));
     if (const auto* early = std::get_if<client::EarlyExit>(&parsed))

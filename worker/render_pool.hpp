@@ -94,8 +94,8 @@ private:
     std::vector<std::jthread> threads_; // last: joined before what they use is gone
 };
 
-/// Pixels as they travel: little-endian 32-bit floats, cut every protocol::chunk_bytes; at least one
-/// blob.
+/// Pixels as they travel: little-endian 32-bit floats, cut every protocol::chunk_bytes; at least
+/// one blob.
 [[nodiscard]] std::vector<Blob> pixel_blobs(Tile tile);
 
 } // namespace fraja::worker

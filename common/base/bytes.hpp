@@ -30,6 +30,10 @@ public:
     Blob(std::shared_ptr<const void> owner, std::span<const std::byte> bytes)
         : owner_(std::move(owner)), bytes_(bytes) {}
 
+    [[nodiscard]] static Blob copy(std::span<const std::byte> bytes) {
+        return Blob(Bytes(bytes.begin(), bytes.end()));
+    }
+
     /// So many of these bytes, not copied: a part keeps the whole in memory. They must be there
     /// (asserted).
     [[nodiscard]] Blob part(std::size_t begin, std::size_t size) const {

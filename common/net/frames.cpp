@@ -53,10 +53,8 @@ bool take(zmq::socket_t& socket, zmq::message_t& frame) {
 }
 
 Blob blob_of(zmq::message_t frame) {
-    if (frame.size() <= receive_buffer_bytes) {
-        const auto bytes = bytes_of(frame);
-        return Blob(Bytes(bytes.begin(), bytes.end()));
-    }
+    if (frame.size() <= receive_buffer_bytes)
+        return Blob::copy(bytes_of(frame));
     const auto owner = std::make_shared<const zmq::message_t>(std::move(frame));
     return {owner, bytes_of(*owner)};
 }

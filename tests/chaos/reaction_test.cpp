@@ -6,6 +6,7 @@
 #include "common/protocol/limits.hpp"
 #include "tests/chaos/peer.hpp"
 #include "tests/e2e/farm.hpp"
+#include "tests/support/scene_text.hpp"
 
 #include <algorithm>
 #include <csignal>
@@ -83,7 +84,7 @@ class FakeBroker {
 public:
     FakeBroker()
         : router_(std::move(*net::RouterSocket::bind(context_, "tcp://127.0.0.1:0"))),
-          scene_(Blob(to_bytes(bytes_of(e2e::scene("overlapping_spheres"))))) {
+          scene_(Blob(scene_text("overlapping_spheres.raj"))) {
         auto worker =
             Process::start({{program("fraja-worker"), "-b", router_.endpoint(), "-j", "1"}});
         REQUIRE(worker.has_value());

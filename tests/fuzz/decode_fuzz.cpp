@@ -64,7 +64,7 @@ void decode_body(Input& in) {
     for (std::uint32_t blobs = in.below(3); blobs > 0; --blobs)
         frames.push_back(Blob(in.bytes(in.below(4))));
     const auto body = std::as_bytes(in.take_all());
-    frames[1] = Blob(Bytes(body.begin(), body.end()));
+    frames[1] = Blob::copy(body);
     check_decoding(frames);
 }
 

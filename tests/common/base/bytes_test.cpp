@@ -36,6 +36,15 @@ TEST_CASE("blobs are counted and joined in their order; a single one is not copi
     CHECK(joined(std::span(some).last(1)).data() == some.back().data());
 }
 
+TEST_CASE("a blob may be a copy, of a part of another, which need not stay") {
+    Blob whole(to_bytes("abcdef"));
+    const Blob copy = Blob::copy(whole.part(2, 3));
+    CHECK(copy.data() != whole.data() + 2);
+    whole = Blob();
+    CHECK(as_text(copy) == "cde");
+    CHECK(Blob::copy({}).empty());
+}
+
 TEST_CASE("a part of a blob is the same bytes in memory, and keeps them") {
     Blob whole(to_bytes("abcdef"));
     const std::byte* const begin = whole.data();
