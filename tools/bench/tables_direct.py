@@ -28,7 +28,8 @@ def measure(bench):
 
 TABLES = {'direct': Table(
     'Static connections (Straja) against a broker', 'direct', HEADER, measure,
-    'Pairs of runs by turns; broker / direct must be %g at most in the median.' % MARK,
+    'Pairs of runs by turns; broker / direct must be %g at most in the median. The broker has its workers before it has the job; '
+    '`--direct` calls them, within what is timed.' % MARK,
     {'scene': '{scene}', '-r': '{size}', '-d': '{depth}', '-a': '{aa}', 'workers': '{workers} emulated', 'rays/s': '{rays_per_s:.1f}',
      'best possible, s': '{best_s:.3f}', 'broker, s': '{broker_s:.3f}', 'direct, s': '{direct_s:.3f}',
      'broker / direct': '{ratio:.4f} ({least_ratio:.4f} to {greatest_ratio:.4f})', 'mark': '{verdict}', 'report': '{report}'},

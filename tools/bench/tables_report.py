@@ -6,7 +6,8 @@ INTRODUCTION = """# The tables of the report of 2002, again
 
 *Emulated* workers (`fraja-worker --emulate`) are threads of a stated speed, where no other is given one that draws cone at 640x480 in %g s,
 as the report's server does: broker, sockets and pixels are real, and what tracing takes is waited for; 4 x 2 are four of them, twice as
-fast. *Real* ones trace on the machine that all this was measured on. Of several runs the median counts, with the least and the greatest
+fast. *Real* ones trace on the machine that all this was measured on. Elapsed is told by the broker, from when it acknowledged the job
+on; a job that is not timed comes first, so the workers have the scene. Of several runs the median counts, with the least and the greatest
 beside it. The commit is the last one that changed the programs or the scenes. Made by `tools/bench/tables` from the `.csv` files beside
 this page; there are plots of the [utilisation](tables.svg) and of [what the client does](client.svg).""" % SERVER_SECONDS
 
