@@ -24,9 +24,18 @@ constexpr auto usage =
 volatile std::sig_atomic_t asked_to_end = 0;
 std::uint64_t seed_at_hand = 0;
 
-/// An assertion has failed: which farm was that?
-void tell_seed(int) {
+/// An assertion has failed, or worse: which farm was that?
+void tell_seed(int signal) {
     fmt::print(stderr, "seed {} died\n", seed_at_hand);
+    std::raise(signal); // as if it had not been caught
+}
+
+void tell_seed_of_deaths() {
+    struct sigaction once = {};
+    once.sa_handler = tell_seed;
+    once.sa_flags = static_cast<int>(SA_RESETHAND);
+    for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL})
+        sigaction(signal, &once, nullptr);
 }
 
 struct Options {
@@ -65,7 +74,7 @@ int main(int argc, char** argv) {
                   seed = options.from;
     for (const int signal : {SIGINT, SIGTERM})
         std::signal(signal, [](int) { asked_to_end = 1; });
-    std::signal(SIGABRT, tell_seed);
+    tell_seed_of_deaths();
     const auto goes_on = [&] {
         if (asked_to_end)
             return false;

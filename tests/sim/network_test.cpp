@@ -166,5 +166,22 @@ TEST_CASE("what is said across a cut goes through when it heals, or breaks with 
     CHECK(pair.node.line.up); // it has found back
 }
 
+TEST_CASE(
+    "a program that is woken again and again for what is over is told of, and one in time is not") {
+    const Scenario s = scenario_with(0, {});
+    for (const Duration ahead : {Duration::zero(), Duration(1us)}) {
+        CAPTURE(ahead.count());
+        Pair pair(s);
+        int left = 2'000;
+        pair.node.tick = [&] {
+            pair.network.wake(pair.node, --left > 0 ? pair.farm.now() + ahead : Instant::never());
+        };
+        pair.node.tick();
+        pair.run();
+        CHECK(left == 0);
+        CHECK(pair.farm.report.violations.size() == (ahead == Duration::zero() ? 1 : 0));
+    }
+}
+
 } // namespace
 } // namespace fraja::sim

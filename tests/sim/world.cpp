@@ -51,10 +51,14 @@ public:
             farm_.agenda.after(farm_.scenario.jobs[i].at, [this, i] { clients_[i]->start(); });
         plan_accidents();
         const Instant end = Instant{} + farm_.scenario.ends_at;
-        while (!farm_.agenda.empty() && !all_over() && farm_.agenda.next() <= end)
+        const auto& violations = farm_.report.violations;
+        while (!farm_.agenda.empty() && !all_over() && farm_.agenda.next() <= end &&
+               violations.empty()) // a farm that spins would take hours to come to its end
             farm_.agenda.run_next();
         farm_.report.ended_at = farm_.now().since_start;
         broker_.describe();
+        if (!violations.empty())
+            return std::move(farm_.report);
         for (std::size_t i = 0; i < clients_.size(); ++i)
             if (const JobReport& job = farm_.report.jobs[i]; !job.done)
                 farm_.violation("job " + std::to_string(i) + " has not ended" +
