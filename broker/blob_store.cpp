@@ -10,19 +10,32 @@
 
 namespace fraja::broker {
 
-Result<void> BlobStore::acquire(const ContentHash& hash, std::uint64_t total_bytes) {
+Result<std::uint64_t> BlobStore::bytes_more(const ContentHash& hash,
+                                            std::uint64_t total_bytes) const {
     const auto found = entries_.find(hash);
-    if (found != entries_.end()) {
-        if (found->second.total_bytes != total_bytes)
-            return Error{ErrorCode::invalid_argument, "the scene is known with another size"};
-        ++found->second.users;
-        return {};
-    }
-    if (bytes_ + total_bytes > bytes_max_)
+    if (found == entries_.end())
+        return total_bytes;
+    if (found->second.total_bytes != total_bytes)
+        return Error{ErrorCode::invalid_argument, "the scene is known with another size"};
+    return std::uint64_t{0};
+}
+
+std::uint32_t BlobStore::users(const ContentHash& hash) const {
+    const auto found = entries_.find(hash);
+    return found == entries_.end() ? 0 : found->second.users;
+}
+
+Result<void> BlobStore::acquire(const ContentHash& hash, std::uint64_t total_bytes) {
+    const auto more = bytes_more(hash, total_bytes);
+    if (!more)
+        return more.error();
+    if (bytes_ + *more > bytes_max_)
         return Error{ErrorCode::limit_exceeded,
                      "the broker holds scenes of at most " + std::to_string(bytes_max_) + " bytes"};
-    bytes_ += total_bytes;
-    entries_[hash] = Entry{.total_bytes = total_bytes, .users = 1, .data = {}, .whole = {}};
+    bytes_ += *more;
+    Entry& entry = entries_[hash];
+    entry.total_bytes = total_bytes;
+    ++entry.users;
     return {};
 }
 

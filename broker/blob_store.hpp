@@ -16,6 +16,12 @@ class BlobStore {
 public:
     explicit BlobStore(std::uint64_t bytes_max) : bytes_max_(bytes_max) {}
 
+    /// What the blob would take up in addition: nothing, if it is known. invalid_argument when it
+    /// is known with another size.
+    [[nodiscard]] Result<std::uint64_t> bytes_more(const ContentHash& hash,
+                                                   std::uint64_t total_bytes) const;
+    /// How many have acquired it.
+    [[nodiscard]] std::uint32_t users(const ContentHash& hash) const;
     /// A job needs the blob: it is kept until as many `release` follow. limit_exceeded when it
     /// would not fit; invalid_argument when it is known with another size.
     [[nodiscard]] Result<void> acquire(const ContentHash& hash, std::uint64_t total_bytes);

@@ -47,9 +47,11 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
         return refused(RefusalCode::limit_exceeded, *full);
     if (const auto full = objection_to_share(job))
         return refused(RefusalCode::limit_exceeded, *full);
-    while (const auto full = objection_to_size(job))
-        if (!forget_oldest_but(job.id()))
-            return refused(RefusalCode::limit_exceeded, *full);
+    const auto room = room_for(job);
+    if (!room)
+        return refused(RefusalCode::limit_exceeded, room.error().message);
+    for (const JobId& id : *room)
+        forget(id);
     job.acknowledged_at = now_ - (*job.over_at - *job.acknowledged_at);
     job.over_at.reset();
     job.reason.clear();
@@ -69,6 +71,10 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     Job* job = job_of(control.job);
     if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", control.job);
+    // Nothing leaves the queue to the store then; and a job may still be ended, once.
+    if (!store_trouble_.empty() && job->is_kept && control.deed != JobDeed::cancel)
+        return refuse(peer, RefusalCode::limit_exceeded,
+                      "this broker cannot keep that now: " + store_trouble_, control.job);
     std::optional<std::string> objection;
     switch (control.deed) {
     case JobDeed::cancel:
@@ -105,19 +111,39 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
 /// Does something that changes how many tiles a worker may have.
 void Dispatcher::change_room(const PeerId& peer, WorkerSession& worker, const auto& deed) {
     const auto threads = [&] { return worker.room() > 0 ? worker.hello.threads : 0; };
-    workers_with_credit_ -= worker.room() > 0;
+    const bool had_room = worker.room() > 0;
+    workers_with_credit_ -= had_room;
     threads_with_credit_ -= threads();
     deed();
     workers_with_credit_ += worker.room() > 0;
     threads_with_credit_ += threads();
     count_capacity(worker);
     update_load(peer, worker);
+    if (had_room && worker.room() == 0)
+        release_shares(worker.hello.worker);
+}
+
+/// What was dealt out to whoever gets nothing any more is anybody's.
+void Dispatcher::release_shares(const WorkerId& worker) {
+    for (auto& [id, job] : jobs_)
+        if (job.is_dealt_out()) {
+            job.release_share(worker);
+            look_ready(job);
+        }
 }
 
 void Dispatcher::count_capacity(WorkerSession& worker) {
     const double now = worker.room() > 0 ? speed_of(worker) * worker.hello.threads : 0;
     capacity_ += now - worker.capacity;
     worker.capacity = now;
+}
+
+/// Next to what somebody claims to be able to do, what all others can may be less than a rounding:
+/// it would be lost with whoever claimed that.
+void Dispatcher::add_up_capacity() {
+    capacity_ = 0;
+    for (const auto& [peer, worker] : workers_)
+        capacity_ += worker.capacity;
 }
 
 void Dispatcher::set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit) {

@@ -11,8 +11,9 @@ Dispatcher::Dispatcher(Identity identity, Limits limits)
       blobs_(limits.blob_bytes_max) {}
 
 void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
-    now_ = std::max(now_, now);
     actions_ = &actions;
+    note_own_absence(now - now_);
+    now_ = std::max(now_, now);
     std::visit([this](const auto& e) { on(e); }, event);
     if (now_ >= next_sweep_) {
         next_sweep_ = now_ + limits_.heartbeat / 2;
@@ -21,6 +22,8 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         end_quarantines();
         give_up_scenes_that_do_not_come();
         forget_what_is_old();
+        forget_absent_workers();
+        add_up_capacity();
     }
     end_jobs_whose_time_is_up();
     dispatch();

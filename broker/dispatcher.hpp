@@ -133,9 +133,23 @@ private:
     void from_worker(const PeerId& peer, WorkerSession& worker, const protocol::Message& message);
     void from_client(const PeerId& peer, const protocol::Message& message);
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
+    /// Tiles of which it was a failure that their worker was lost.
+    using Blames = std::vector<std::pair<JobId, OpenTileId>>;
+    /// Of a worker that may come back.
+    struct Absent {
+        Instant left_at;
+        bool drained = false;
+        std::deque<Instant> failures;
+        std::optional<Instant> quarantined_until;
+        Blames blamed;
+    };
     enum class Departure { said_goodbye, lost, replaced };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
+    void remember(const WorkerSession& session, Blames blamed);
+    void recall(WorkerSession& worker);
+    void forget_absent_workers();
     void end_client(const PeerId& peer, Departure departure);
+    void note_own_absence(Duration since_last_step);
     void drop_silent_peers();
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
@@ -145,11 +159,13 @@ private:
     [[nodiscard]] std::optional<protocol::Refused>
     objection(const protocol::SubmitJob& submission) const;
     [[nodiscard]] std::optional<std::string>
-    objection_to_frame(const protocol::SubmitJob& submission) const;
+    objection_to_film(const protocol::Wishes& wishes) const;
     [[nodiscard]] std::optional<std::string> objection_to_one_more() const;
     [[nodiscard]] std::optional<std::string> objection_to_share(const Job& wanted) const;
-    [[nodiscard]] std::optional<std::string> objection_to_size(const Job& wanted) const;
-    bool forget_oldest_but(const JobId& wanted);
+    [[nodiscard]] Result<std::vector<JobId>> room_for(const Job& wanted) const;
+    [[nodiscard]] std::optional<std::vector<JobId>>
+    oldest_to_free(const Job& wanted, std::uint64_t picture_bytes, std::uint64_t scene_bytes) const;
+    void make_room(const std::vector<JobId>& going, const protocol::SubmitJob& coming);
     [[nodiscard]] std::shared_ptr<Party> party_of(const Job& job);
     [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
@@ -157,7 +173,10 @@ private:
     void ask_others_for_scene(const ContentHash& scene);
     void give_up_scenes_that_do_not_come();
     void take_chunk(const PeerId& peer, const protocol::Chunk& chunk);
-    void give_chunk(const PeerId& peer, const protocol::NeedChunk& need);
+    void give_chunk(const PeerId& peer, WorkerSession& worker, const protocol::NeedChunk& need);
+    void begin_jobs_of(const ContentHash& scene);
+    void bring_scene(const ContentHash& scene, Blob bytes);
+    void want_probe(Job& job);
     void acknowledge(Job& job);
     void find_job(const PeerId& peer, const protocol::FindJob& find);
     void end_job(Job& job, protocol::JobPhase phase, const std::string& reason,
@@ -200,8 +219,10 @@ private:
     void look_ready(const Job& job);
     void update_load(const PeerId& peer, WorkerSession& worker);
     void change_room(const PeerId& peer, WorkerSession& worker, const auto& deed);
+    void release_shares(const WorkerId& worker);
     void set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit);
     void count_capacity(WorkerSession& worker);
+    void add_up_capacity();
 
     // newcomers.cpp: whether more workers would help
     [[nodiscard]] bool newcomers_help(const Job& job) const;
@@ -252,9 +273,10 @@ private:
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
     void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);
-    void count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
+    void take_back_probe(Job& job, bool counts, const std::string& why);
+    bool count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
                        const std::string& why);
-    void take_back(const GrantKey& key, const Grant& grant, bool counts,
+    bool take_back(const GrantKey& key, const Grant& grant, bool counts,
                    const WorkerSession& worker, const std::string& why);
     void cancel_grant(const PeerId& peer, const GrantKey& key);
     void cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted);
@@ -315,6 +337,7 @@ private:
 
     Workers workers_;
     std::map<WorkerId, PeerId> peer_of_worker_;
+    std::map<WorkerId, Absent> absent_;
     std::map<PeerId, ClientSession> clients_;
     std::set<std::pair<std::uint64_t, PeerId>>
         free_workers_;                    ///< with credit left, the least loaded first

@@ -32,7 +32,7 @@ Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
 }
 
 void Job::set_passes(std::uint32_t passes) {
-    FRAJA_ASSERT(passes > 0 && passes <= passes_ && fresh_ == 0);
+    FRAJA_ASSERT(passes > 0 && passes <= pass_count(submission_.settings) && fresh_ == 0);
     passes_ = passes;
     fresh_end_ = grid_.count() * passes;
 }
@@ -205,6 +205,15 @@ std::uint32_t Job::count_failure(OpenTileId id, const WorkerId& worker) {
     has_failures_ = true;
     found->second.failed_on.push_back(worker);
     return static_cast<std::uint32_t>(found->second.failed_on.size());
+}
+
+void Job::forgive(OpenTileId id, const WorkerId& worker) {
+    const auto found = open_.find(id);
+    if (found == open_.end())
+        return;
+    auto& failed_on = found->second.failed_on;
+    if (const auto failure = std::ranges::find(failed_on, worker); failure != failed_on.end())
+        failed_on.erase(failure);
 }
 
 bool Job::all_cells_done(const Tile& tile) const {

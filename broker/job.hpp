@@ -144,6 +144,8 @@ public:
     void requeue(OpenTileId id);
     /// Counts a failure of the tile, if it is still open, and returns how many it has had.
     std::uint32_t count_failure(OpenTileId id, const WorkerId& worker);
+    /// One of these was none.
+    void forgive(OpenTileId id, const WorkerId& worker);
     /// Some tile of it has ever failed.
     [[nodiscard]] bool has_failures() const { return has_failures_; }
     /// Some cell of it has been at two workers at once.

@@ -1,6 +1,7 @@
 // Dispatcher: what is to be done.
 #include "broker/dispatcher.hpp"
-#include "broker/tile_plan.hpp"
+#include "broker/submission.hpp"
+#include "common/base/assert.hpp"
 #include "common/base/text.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
@@ -18,19 +19,13 @@ std::string described(const Job& job) {
            to_string(job.id());
 }
 
-/// 0: as there are.
-std::uint64_t cell_count(const SubmitJob& s) {
-    const std::uint32_t side = s.tile_side > 0 ? s.tile_side : automatic_cell_side(s.settings);
-    return cells_of(s.settings.crop, side).pixel_count() * pass_count(s.settings);
-}
-
 /// And not for the store to have it.
 bool is_waiting_for_scene(const Job& job) {
     return job.phase == JobPhase::waiting_for_scene && !job.is_being_kept;
 }
 
-bool is_tag(const std::string& tag) {
-    return !tag.empty() && tag.size() <= name_bytes_max;
+RefusalCode refusal_of(ErrorCode code) {
+    return code == ErrorCode::limit_exceeded ? RefusalCode::limit_exceeded : RefusalCode::invalid;
 }
 
 } // namespace
@@ -39,37 +34,14 @@ std::optional<Refused> Dispatcher::objection(const SubmitJob& s) const {
     const auto refused = [&](RefusalCode code, std::string reason) {
         return Refused{code, s.job, std::move(reason)};
     };
-    if (const auto valid = validate(s.settings); !valid)
-        return refused(RefusalCode::invalid, valid.error().message);
-    if (s.job == JobId{})
-        return refused(RefusalCode::invalid, "the job's id is zero");
-    if (s.job_name.size() > name_bytes_max)
-        return refused(RefusalCode::invalid,
-                       "a job's name has at most " + std::to_string(name_bytes_max) + " bytes");
-    if (s.scene_bytes == 0 || s.scene_bytes > scene_bytes_max)
-        return refused(RefusalCode::invalid,
-                       "a scene has 1 to " + std::to_string(scene_bytes_max) + " bytes");
-    if (s.tile_side > tile_side_max)
-        return refused(RefusalCode::invalid,
-                       "a tile's side is at most " + std::to_string(tile_side_max) + " pixels");
-    if (cell_count(s) > cells_per_job_max)
-        return refused(RefusalCode::invalid,
-                       "a job has at most " + std::to_string(cells_per_job_max) + " tiles");
-    if (s.wishes.tags.size() > tags_max || !std::ranges::all_of(s.wishes.tags, is_tag))
-        return refused(RefusalCode::invalid, "a job has at most " + std::to_string(tags_max) +
-                                                 " tags of 1 to " + std::to_string(name_bytes_max) +
-                                                 " bytes");
-    if (const auto why = objection_to_frame(s))
+    if (const auto fault = fault_of(s))
+        return refused(RefusalCode::invalid, *fault);
+    if (const auto why = objection_to_film(s.wishes))
         return refused(RefusalCode::invalid, *why);
-    if (s.wishes.schedule != Schedule::demand) {
-        if (s.settings.limited_in_time())
-            return refused(RefusalCode::invalid,
-                           "a picture with a time limit is dealt out on demand");
-        if (s.tile_side > 0 && cell_count(s) > limits_.dealt_cells_max)
-            return refused(RefusalCode::invalid, "at most " +
-                                                     std::to_string(limits_.dealt_cells_max) +
-                                                     " tiles are dealt out at once");
-    }
+    if (s.wishes.schedule != Schedule::demand && s.tile_side > 0 &&
+        cell_count(s) > limits_.dealt_cells_max)
+        return refused(RefusalCode::invalid, "at most " + std::to_string(limits_.dealt_cells_max) +
+                                                 " tiles are dealt out at once");
     if (const auto full = objection_to_one_more())
         return refused(RefusalCode::limit_exceeded, *full);
     return std::nullopt;
@@ -98,47 +70,98 @@ std::optional<std::string> Dispatcher::objection_to_share(const Job& wanted) con
     return std::nullopt;
 }
 
-std::optional<std::string> Dispatcher::objection_to_size(const Job& wanted) const {
-    std::uint64_t stored = wanted.promised_bytes();
+namespace {
+
+/// Leaves the job as many passes as fit, at least one: then false where even that does not.
+bool cut_to_fit(Job& job, const auto& fits) {
+    std::uint32_t good = 0, bad = job.passes();
+    if (fits())
+        return true;
+    while (bad - good > 1) {
+        const std::uint32_t between = good + (bad - good) / 2;
+        job.set_passes(between);
+        (fits() ? good : bad) = between;
+    }
+    job.set_passes(std::max(good, 1u));
+    return good > 0;
+}
+
+} // namespace
+
+/// What of that which is over must go for `wanted` to have room, the oldest first; or why it has
+/// none even so. Nothing is forgotten for what is refused then.
+Result<std::vector<JobId>> Dispatcher::room_for(const Job& wanted) const {
+    const auto full = [](const std::string& what, std::uint64_t bytes) {
+        return Error{ErrorCode::limit_exceeded,
+                     "this broker " + what + " of at most " + std::to_string(bytes) + " bytes"};
+    };
+    std::uint64_t stored = wanted.promised_bytes(), over = 0;
     for (const auto& [id, job] : jobs_)
         if (id != wanted.id())
-            stored += job.stored_bytes();
+            (is_over(job.phase) ? over : stored) += job.stored_bytes();
     if (stored > limits_.stored_bytes_max)
-        return "this broker stores pictures of at most " +
-               std::to_string(limits_.stored_bytes_max) + " bytes";
-    return std::nullopt;
+        return full("stores pictures", limits_.stored_bytes_max);
+    const SubmitJob& s = wanted.submission();
+    const auto more = wanted.holds_scene ? Result<std::uint64_t>(std::uint64_t{0})
+                                         : blobs_.bytes_more(s.scene, s.scene_bytes);
+    if (!more)
+        return more.error();
+    const auto excess = [](std::uint64_t bytes, std::uint64_t bytes_max) {
+        return bytes > bytes_max ? bytes - bytes_max : 0;
+    };
+    auto going = oldest_to_free(wanted, excess(stored + over, limits_.stored_bytes_max),
+                                excess(blobs_.bytes() + *more, limits_.blob_bytes_max));
+    if (!going)
+        return full("holds scenes", limits_.blob_bytes_max);
+    return std::move(*going);
 }
 
-/// What is over makes room for what is to come. False: there is nothing but `wanted`.
-bool Dispatcher::forget_oldest_but(const JobId& wanted) {
-    const auto oldest = std::ranges::find_if(job_by_number_, [&](const auto& entry) {
-        return entry.second != wanted && is_over(jobs_.at(entry.second).phase);
-    });
-    if (oldest == job_by_number_.end())
-        return false;
-    forget(JobId(oldest->second));
-    return true;
-}
-
-std::optional<std::string> Dispatcher::objection_to_frame(const SubmitJob& s) const {
-    const Wishes& wishes = s.wishes;
-    if ((wishes.film == FilmId{}) != (wishes.frame == 0))
-        return wishes.frame == 0 ? "a film's frames count from 1"
-                                 : "a picture that is of no film has no number in one";
-    if (wishes.film == FilmId{})
-        return std::nullopt;
-    if (wishes.schedule != Schedule::demand)
-        return "a film's frames are dealt out on demand";
-    if (s.settings.limited_in_time())
-        return "a film's frames have no time limit";
-    const auto found = films_.find(wishes.film);
-    if (found != films_.end()) {
-        Wishes others = found->second.lock()->wishes();
-        others.frame = wishes.frame;
-        if (others != wishes)
-            return "the film's other frames have other wishes";
+/// Nothing where all that is over does not free so much, beside the scene that is wanted.
+std::optional<std::vector<JobId>> Dispatcher::oldest_to_free(const Job& wanted,
+                                                             std::uint64_t picture_bytes,
+                                                             std::uint64_t scene_bytes) const {
+    std::vector<JobId> going;
+    std::uint64_t pictures = 0, scenes = 0;
+    std::map<ContentHash, std::uint32_t> users; // that go
+    for (const auto& [number, id] : job_by_number_) {
+        if (pictures >= picture_bytes && scenes >= scene_bytes)
+            break;
+        const Job& job = jobs_.at(id);
+        if (id == wanted.id() || !is_over(job.phase))
+            continue;
+        going.push_back(id);
+        pictures += job.stored_bytes();
+        const ContentHash& scene = job.submission().scene;
+        if (job.holds_scene && scene != wanted.submission().scene &&
+            blobs_.users(scene) == ++users[scene])
+            scenes += job.submission().scene_bytes;
     }
-    return std::nullopt;
+    return pictures >= picture_bytes && scenes >= scene_bytes ? std::optional(going) : std::nullopt;
+}
+
+/// The scene of what is to come is held from then on, also where it was held for what goes.
+void Dispatcher::make_room(const std::vector<JobId>& going, const SubmitJob& coming) {
+    const bool is_known = blobs_.users(coming.scene) > 0;
+    const auto acquire = [&] {
+        const auto acquired = blobs_.acquire(coming.scene, coming.scene_bytes);
+        FRAJA_ASSERT(acquired.has_value());
+    };
+    if (is_known)
+        acquire();
+    for (const JobId& id : going)
+        forget(id);
+    if (!is_known)
+        acquire();
+}
+
+std::optional<std::string> Dispatcher::objection_to_film(const Wishes& wishes) const {
+    const auto found = films_.find(wishes.film);
+    if (found == films_.end())
+        return std::nullopt;
+    Wishes others = found->second.lock()->wishes();
+    others.frame = wishes.frame;
+    return others == wishes ? std::nullopt
+                            : std::optional("the film's other frames have other wishes");
 }
 
 /// Its film's, or its own.
@@ -185,24 +208,14 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
                       "this broker cannot keep jobs now: " + store_trouble_, submission.job);
 
     Job fresh(submission, last_number_ + 1, peer);
-    const auto is_cut = [&fresh] {
-        if (fresh.passes() == 1)
-            return false;
-        fresh.set_passes(fresh.passes() - 1);
-        return true;
-    };
-    while (const auto full = objection_to_share(fresh))
-        if (!is_cut())
-            return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
-    const auto over_limit = [&]() -> std::optional<std::string> {
-        if (auto full = objection_to_size(fresh))
-            return full;
-        const auto acquired = blobs_.acquire(submission.scene, submission.scene_bytes);
-        return acquired ? std::nullopt : std::optional(acquired.error().message);
-    };
-    while (const auto full = over_limit())
-        if (!forget_oldest_but(submission.job) && !is_cut())
-            return refuse(peer, RefusalCode::limit_exceeded, *full, submission.job);
+    if (!cut_to_fit(fresh, [&] { return !objection_to_share(fresh); }))
+        return refuse(peer, RefusalCode::limit_exceeded, *objection_to_share(fresh),
+                      submission.job);
+    (void)cut_to_fit(fresh, [&] { return room_for(fresh).has_value(); });
+    const auto room = room_for(fresh);
+    if (!room)
+        return refuse(peer, refusal_of(room.error().code), room.error().message, submission.job);
+    make_room(*room, submission);
     if (fresh.passes() < pass_count(submission.settings))
         log(LogLevel::warning, described(fresh) + ": of " +
                                    std::to_string(pass_count(submission.settings)) +
@@ -293,13 +306,7 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
         send(peer, NeedChunk{chunk.blob, blobs_.wanted_offset(chunk.blob)});
         return;
     case BlobStore::Arrival::complete:
-        for (const JobId& id : ids) {
-            Job& job = jobs_.at(id);
-            keep_job(job);
-            if (job.acknowledged_at)
-                send(job.client(), state_of(job));
-        }
-        return;
+        return begin_jobs_of(chunk.blob);
     case BlobStore::Arrival::wrong_hash:
         for (const JobId& id : ids)
             if (Job* job = job_of(id); job && job->client() == peer) {
@@ -317,12 +324,42 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
     }
 }
 
-void Dispatcher::give_chunk(const PeerId& peer, const NeedChunk& need) {
+/// One that has been acquired comes from elsewhere, perhaps while a client is sending it.
+void Dispatcher::bring_scene(const ContentHash& scene, Blob bytes) {
+    if (blobs_.complete(scene))
+        return;
+    blobs_.restore(scene, std::move(bytes));
+    begin_jobs_of(scene);
+}
+
+/// Their scene is here, whoever has brought it.
+void Dispatcher::begin_jobs_of(const ContentHash& scene) {
+    for (auto& [id, job] : jobs_) {
+        if (!is_waiting_for_scene(job) || job.submission().scene != scene)
+            continue;
+        keep_job(job);
+        if (job.acknowledged_at)
+            send(job.client(), state_of(job));
+    }
+}
+
+void Dispatcher::give_chunk(const PeerId& peer, WorkerSession& worker, const NeedChunk& need) {
+    for (auto& [key, grant] : worker.grants)
+        if (const Job* job = job_of(key.job); job && job->submission().scene == need.blob)
+            grant.progress_at = now_; // it is not stuck, but fetches
     if (auto chunk = blobs_.chunk(need.blob, need.offset_bytes))
         return send(peer, std::move(*chunk));
     refuse(peer, RefusalCode::invalid,
            "there is no chunk of " + to_string(need.blob) + " at " +
                std::to_string(need.offset_bytes));
+}
+
+/// What its parts cost is worth knowing where it can be cut, or is dealt out by that.
+void Dispatcher::want_probe(Job& job) {
+    const SubmitJob& s = job.submission();
+    if (!s.settings.limited_in_time() &&
+        (s.tile_side == 0 || s.wishes.schedule == Schedule::weighted))
+        job.probe = Job::Probe::wanted;
 }
 
 void Dispatcher::acknowledge(Job& job) {
@@ -331,8 +368,7 @@ void Dispatcher::acknowledge(Job& job) {
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     const SubmitJob& s = job.submission();
-    if (s.tile_side == 0 && !s.settings.limited_in_time())
-        job.probe = Job::Probe::wanted;
+    want_probe(job);
     look_ready(job);
     log(LogLevel::info,
         described(job) + ": " + std::to_string(s.settings.crop.pixel_count()) + " pixel(s) queued");

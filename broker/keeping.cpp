@@ -127,10 +127,11 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
         !blobs_.acquire(scene->first, scene->second.size()))
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");
     job.holds_scene = true;
-    if (!blobs_.complete(scene->first))
-        blobs_.restore(scene->first, Blob(scene->second));
+    bring_scene(scene->first, Blob(scene->second));
     if (job.all_done())
         return end_job(job, JobPhase::done, "");
+    if (job.results().empty())
+        want_probe(job);
     look_ready(job);
 }
 
@@ -142,8 +143,7 @@ void Dispatcher::on(const SceneLoaded& event) {
     if (event.scene && event.scene->size() == job->submission().scene_bytes &&
         blobs_.acquire(scene, event.scene->size())) {
         job->holds_scene = true;
-        if (!blobs_.complete(scene))
-            blobs_.restore(scene, Blob(*event.scene));
+        bring_scene(scene, Blob(*event.scene));
     }
     if (const auto refused = retry(*job))
         return send(event.peer, *refused);

@@ -47,6 +47,9 @@ struct Limits {
     // A worker that failed so many tiles within the window gets none for as long.
     std::uint32_t quarantine_failures = 3;
     Duration quarantine_window = std::chrono::minutes(10);
+    /// So long it is known of a process whose connection broke that it was drained, what it failed,
+    /// and which tiles it had: it may come back.
+    Duration absence_max = std::chrono::minutes(10);
 
     /// A tile should not take less (its way costs a twentieth of that), nor so little that the farm
     /// has more of them in a second.

@@ -23,8 +23,7 @@ void Dispatcher::on(const Ordered& event) {
     if (!acquired)
         return actions_->push_back(
             OrderFailed{order.id, FailureCode::machine, acquired.error().message});
-    if (!blobs_.complete(order.scene))
-        blobs_.restore(order.scene, order.scene_text);
+    bring_scene(order.scene, order.scene_text);
 
     SubmitJob submission{.job = order.id,
                          .job_name = "an order",

@@ -69,7 +69,8 @@ void Dispatcher::on(const PeerSaid& event) {
 void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     const auto too_long = [](const std::string& name) { return name.size() > name_bytes_max; };
     if (hello.threads == 0 || hello.credit > credit_max || too_long(hello.worker_name) ||
-        hello.tags.size() > tags_max || std::ranges::any_of(hello.tags, too_long))
+        !(hello.speed_rays_per_s <= speed_rays_per_s_max) || hello.tags.size() > tags_max ||
+        std::ranges::any_of(hello.tags, too_long))
         return refuse(peer, RefusalCode::limit_exceeded,
                       "a WorkerHello beyond the limits of the protocol");
     if (const auto known = peer_of_worker_.find(hello.worker); known != peer_of_worker_.end()) {
@@ -91,6 +92,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     worker.hello = hello;
     worker.heard_at = now_;
     worker.credit = 0;
+    recall(worker);
     if (hello.speed_rays_per_s > 0)
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
     set_credit(peer, worker, hello.credit);
@@ -121,7 +123,7 @@ void Dispatcher::from_worker(const PeerId& peer, WorkerSession& worker, const Me
     if (const auto* worker_beat = std::get_if<WorkerBeat>(&message))
         return beat(peer, worker, *worker_beat);
     if (const auto* need = std::get_if<NeedChunk>(&message))
-        return give_chunk(peer, *need);
+        return give_chunk(peer, worker, *need);
     ++counters_.unexpected;
     refuse(peer, RefusalCode::unexpected,
            "a worker does not send " + std::string(name_of(message)));
@@ -172,7 +174,8 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         if (!listed.contains(key) && grant.number < beat.tiles_received)
             lost.push_back(key);
     for (const GrantKey& key : lost)
-        take_back(key, *end_grant(peer, worker, key), false, worker, "the worker has it no more");
+        (void)take_back(key, *end_grant(peer, worker, key), false, worker,
+                        "the worker has it no more");
     send(peer, Beat{});
 }
 
@@ -193,19 +196,50 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
     for (const auto& [key, grant] : session.grants)
         by_age.emplace_back(grant.granted_at, key);
     std::ranges::sort(by_age);
+    Blames blamed;
     // The newest go back first, so that the oldest ends up at the front of the queue.
     for (std::size_t i = by_age.size(); i-- > 0;) {
         const GrantKey& key = by_age[i].second;
         const bool counts = departure == Departure::lost &&
                             (i < session.hello.threads || session.grants.at(key).rays > 0);
         count_grant_of_order(key.job, false);
-        take_back(key, session.grants.at(key), counts, session, "the worker was lost");
+        if (take_back(key, session.grants.at(key), counts, session, "the worker was lost"))
+            blamed.emplace_back(key.job, session.grants.at(key).id);
     }
-    for (auto& [id, job] : jobs_)
-        if (job.is_dealt_out()) {
-            job.release_share(session.hello.worker);
-            look_ready(job);
-        }
+    if (departure != Departure::said_goodbye)
+        remember(session, std::move(blamed));
+}
+
+/// A process that is cut off for a while comes back by another connection: what was said of it and
+/// what it did still count then.
+void Dispatcher::remember(const WorkerSession& session, Blames blamed) {
+    if (!session.drained && session.failures.empty() && blamed.empty())
+        return;
+    if (absent_.size() >= limits_.workers_max)
+        absent_.erase(std::ranges::min_element(
+            absent_, {}, [](const auto& entry) { return entry.second.left_at; }));
+    absent_[session.hello.worker] = {now_, session.drained, session.failures,
+                                     session.quarantined_until, std::move(blamed)};
+}
+
+/// It lives, so no tile has killed it.
+void Dispatcher::recall(WorkerSession& worker) {
+    const auto found = absent_.find(worker.hello.worker);
+    if (found == absent_.end())
+        return;
+    worker.drained = found->second.drained;
+    worker.failures = std::move(found->second.failures);
+    worker.quarantined_until = found->second.quarantined_until;
+    for (const auto& [id, tile] : found->second.blamed)
+        if (Job* job = job_of(id))
+            job->forgive(tile, worker.hello.worker);
+    absent_.erase(found);
+}
+
+void Dispatcher::forget_absent_workers() {
+    std::erase_if(absent_, [this](const auto& entry) {
+        return now_ - entry.second.left_at > limits_.absence_max;
+    });
 }
 
 /// The scenes that it was sending: whoever is lost may come back by another connection.
@@ -221,6 +255,24 @@ void Dispatcher::end_client(const PeerId& peer, Departure departure) {
             ask_others_for_scene(jobs_.at(id).submission().scene);
         else
             give_up_scene(jobs_.at(id), "the client left before it had sent the scene");
+}
+
+/// A broker that was stopped, or waited long for its disk, has heard nobody meanwhile: that while
+/// counts as nobody's silence.
+void Dispatcher::note_own_absence(Duration since_last_step) {
+    if (since_last_step <= limits_.heartbeat || (workers_.empty() && clients_.empty()))
+        return;
+    log(LogLevel::warning,
+        "this broker did nothing for " + format_duration(since_last_step) + ", and heard nobody");
+    for (auto& [peer, worker] : workers_) {
+        worker.heard_at = worker.heard_at + since_last_step;
+        for (auto& [key, grant] : worker.grants)
+            grant.progress_at = grant.progress_at + since_last_step;
+    }
+    for (auto& [peer, client] : clients_)
+        client.heard_at = client.heard_at + since_last_step;
+    for (auto& [id, job] : jobs_)
+        job.scene_came_on_at = job.scene_came_on_at + since_last_step;
 }
 
 void Dispatcher::drop_silent_peers() {

@@ -1,8 +1,10 @@
 #include "broker/shell.hpp"
 
 #include "broker/dispatcher.hpp"
+#include "broker/sqlite.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
+#include "broker/submission.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -52,6 +54,9 @@ Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
     auto contents = reader->read();
     if (!contents)
         return contents.error();
+    for (const StoredJob& job : contents->jobs) // of what is in it SQLite knows nothing
+        if (const auto fault = fault_of(job))
+            return damaged(store->file(), "job " + to_string(job.submission.job) + ": " + *fault);
     Restored restored{std::move(*contents), {}};
     for (const StoredJob& job : restored.contents.jobs) {
         const ContentHash& scene = job.submission.scene;

@@ -68,9 +68,10 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                  : job->rect(grant->tile).pixel_count() * job->submission().settings.pixel_bytes();
     if (bytes != wanted) {
         count_machine_failure(peer, worker);
-        return take_back(key, *grant, true, worker,
-                         "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
-                             std::to_string(wanted));
+        (void)take_back(key, *grant, true, worker,
+                        "it sent " + std::to_string(bytes) + " bytes of pixels instead of " +
+                            std::to_string(wanted));
+        return;
     }
     learn_fetch_time(job->submission().scene, *grant, answer.elapsed);
     if (is_probe && is_order(*job))
@@ -158,43 +159,47 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     const bool counts = answer.code == FailureCode::machine || at_its_own_wish;
     if (counts)
         count_machine_failure(peer, worker);
-    take_back(key, *grant, counts, worker, answer.reason);
+    (void)take_back(key, *grant, counts, worker, answer.reason);
 }
 
 /// A grant has ended without an answer that counts: its tile goes to somebody else, if it is still
-/// wanted and was not given to somebody else already.
-void Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
+/// wanted and was not given to somebody else already. Whether a failure of the tile was counted.
+bool Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
                            const WorkerSession& worker, const std::string& why) {
     Job* job = job_of(key.job);
     if (!job || is_over(job->phase))
-        return;
-    if (grant.id == OpenTileId::none) { // it goes without
-        if (job->probe != Job::Probe::in_flight)
-            return;
-        if (const auto order = orders_.find(key.job); order != orders_.end()) { // or it is all
-            order->second.failures += counts;
-            if (order->second.failures >= limits_.attempts_max)
-                return end_job(*job, JobPhase::failed, why);
-            job->probe = Job::Probe::wanted;
-            return look_ready(*job);
-        }
-        job->probe = Job::Probe::over;
-        return look_ready(*job);
+        return false;
+    if (grant.id == OpenTileId::none) {
+        take_back_probe(*job, counts, why);
+        return false;
     }
     if (!job->assigned_as(grant.id, key.attempt))
-        return;
+        return false;
     ++counters_.tiles_requeued;
     job->requeue(grant.id);
     look_ready(*job);
-    if (counts)
-        count_failure(*job, grant, worker, why);
+    return counts && count_failure(*job, grant, worker, why);
 }
 
-void Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
+/// The picture goes without; but it is all that is wanted of an order.
+void Dispatcher::take_back_probe(Job& job, bool counts, const std::string& why) {
+    if (job.probe != Job::Probe::in_flight)
+        return;
+    const auto order = orders_.find(job.id());
+    if (order != orders_.end()) {
+        order->second.failures += counts;
+        if (order->second.failures >= limits_.attempts_max)
+            return end_job(job, JobPhase::failed, why);
+    }
+    job.probe = order != orders_.end() ? Job::Probe::wanted : Job::Probe::over;
+    look_ready(job);
+}
+
+bool Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
                                const std::string& why) {
     const std::uint32_t failures = job.count_failure(grant.id, worker.hello.worker);
     if (failures == 0)
-        return; // somebody else is at it
+        return false; // somebody else is at it
     const std::string tile = described(job, grant.tile);
     log(LogLevel::warning, tile + " failed on " + worker.hello.worker_name + ", " +
                                std::to_string(failures) + " of " +
@@ -203,6 +208,7 @@ void Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession
         end_job(job, JobPhase::failed,
                 tile + " failed " + std::to_string(failures) + " times, the last time on " +
                     worker.hello.worker_name + ": " + why);
+    return true;
 }
 
 void Dispatcher::cancel_grant(const PeerId& peer, const GrantKey& key) {
@@ -216,24 +222,29 @@ void Dispatcher::cancel_grant(const PeerId& peer, const GrantKey& key) {
     send(peer, CancelTile{key.job, key.tile, key.attempt});
 }
 
+/// A tile waits its turn behind others of its worker: the lease of one that has not begun runs only
+/// while none of these moves, and ends without blame.
 void Dispatcher::take_back_stuck_tiles() {
     std::vector<std::pair<PeerId, GrantKey>> stuck;
     for (const auto& [peer, worker] : workers_) {
-        // A tile waits its turn behind others: the lease runs only while none of its worker's tiles
-        // moves.
         Instant moved_at{};
         for (const auto& [key, grant] : worker.grants)
             moved_at = std::max(moved_at, grant.progress_at);
-        for (const auto& [key, grant] : worker.grants)
-            if (!grant.cancelled &&
-                now_ - (grant.rays > 0 ? grant.progress_at : moved_at) > limits_.lease)
+        for (const auto& [key, grant] : worker.grants) {
+            const Instant since =
+                grant.started_at ? std::max(*grant.started_at, grant.progress_at) : moved_at;
+            if (!grant.cancelled && now_ - since > limits_.lease)
                 stuck.emplace_back(peer, key);
+        }
     }
     for (const auto& [peer, key] : stuck) {
         WorkerSession& worker = workers_.at(peer);
+        const Grant grant = worker.grants.at(key);
         cancel_grant(peer, key);
-        count_machine_failure(peer, worker);
-        take_back(key, worker.grants.at(key), true, worker, "it traced no ray within the lease");
+        if (grant.started_at)
+            count_machine_failure(peer, worker);
+        (void)take_back(key, grant, grant.started_at.has_value(), worker,
+                        "it traced no ray within the lease");
     }
 }
 

@@ -13,6 +13,7 @@ inline constexpr std::size_t frame_bytes_max = std::size_t{1} << 20; ///< any on
 inline constexpr std::size_t message_frames_max = 64; ///< header, body and blobs together
 inline constexpr std::size_t string_bytes_max = 4096; ///< any string of a message
 inline constexpr std::size_t name_bytes_max = 200;    ///< names of jobs and workers
+inline constexpr double speed_rays_per_s_max = 1e15;  ///< that a worker may say of itself
 inline constexpr std::size_t tags_max = 64;           ///< tags of one worker
 inline constexpr std::size_t credit_max = 4096;       ///< tiles in flight at one worker
 inline constexpr std::size_t nesting_max = 8;         ///< arrays within arrays of a body

@@ -158,6 +158,68 @@ TEST_CASE("a drained worker finishes what it has and gets nothing, until it is u
     CHECK(farm.tiles("ada").size() == 1);
 }
 
+TEST_CASE(
+    "a worker that loses its connection is still drained when it comes back, for absence_max") {
+    for (const bool in_time : {true, false}) {
+        CAPTURE(in_time);
+        Farm farm;
+        farm.worker_arrives("ada", 1, 1, 2);
+        CHECK(control(farm, "ada", WorkerDeed::drain).draining);
+        farm.event(PeerUnreachable{"ada"});
+        farm.pass(farm.limits.absence_max + (in_time ? -1s : 1s));
+        farm.worker_arrives("ada again", 1, 1, 2);
+        farm.submit(1, 2);
+        CHECK(farm.tiles("ada again").empty() == in_time);
+    }
+}
+
+TEST_CASE("what a worker failed before it lost its connection counts when it is back") {
+    Farm farm(Limits{.attempts_max = 1'000});
+    farm.worker_arrives("bad", 1, 1, 1);
+    farm.worker_arrives("good", 2, 1, 1);
+    farm.submit(1, 40);
+    for (int i = 0; i < 2; ++i)
+        farm.fail("bad", farm.tiles("bad").at(0), FailureCode::machine);
+    farm.event(PeerUnreachable{"bad"});
+    farm.worker_arrives("bad again", 1, 1, 1);
+    farm.fail("bad again", farm.tiles("bad again").at(0), FailureCode::machine);
+    CHECK(farm.dispatcher.counters().workers_quarantined == 1);
+    farm.event(PeerUnreachable{"bad again"});
+    farm.worker_arrives("and again", 1, 1, 1);
+    CHECK(farm.tiles("and again").empty());
+}
+
+TEST_CASE("of workers that are gone no more than workers_max are remembered") {
+    Farm farm(Limits{.workers_max = 2});
+    for (std::uint8_t id = 1; id <= 3; ++id) { // the first goes first
+        const PeerId peer = "w" + std::to_string(id);
+        farm.worker_arrives(peer, id, 1, 1);
+        CHECK(control(farm, peer, WorkerDeed::drain).draining);
+        farm.event(PeerUnreachable{peer});
+        farm.pass(1s);
+    }
+    farm.submit(1, 2);
+    farm.worker_arrives("third", 3, 1, 1);
+    CHECK(farm.tiles("third").empty());
+    farm.worker_arrives("first", 1, 1, 1);
+    CHECK(farm.tiles("first").size() == 1);
+}
+
+TEST_CASE("what was dealt out to a worker that is drained goes to the others") {
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 1);
+    farm.worker_arrives("b", 2, 1, 1);
+    SubmitJob s = Farm::picture(1, 8);
+    s.wishes.schedule = Schedule::equal;
+    const JobId job = farm.submit("client", s);
+    const auto last = farm.tiles("b");
+    CHECK(control(farm, "b", WorkerDeed::drain).draining);
+    farm.render("b", last.at(0));
+    for (auto tiles = farm.tiles("a"); !tiles.empty(); tiles = farm.tiles("a"))
+        farm.render("a", tiles.front());
+    CHECK(farm.state(job).phase == JobPhase::done);
+}
+
 TEST_CASE("a kicked worker is told to leave and its tiles go to others") {
     Farm farm;
     farm.worker_arrives("ada", 1, 1, 2);

@@ -491,6 +491,43 @@ TEST_CASE("every schedule draws the picture, and stealing ends before equal shar
     CHECK(took[Schedule::stealing] < took[Schedule::equal]);
 }
 
+TEST_CASE("a picture of fixed tiles is probed where it is dealt out by what its parts cost") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    SubmitJob s = Farm::picture(1, 40);
+    s.settings.aa = 4;
+    s.wishes.schedule = Schedule::weighted;
+    farm.submit("client", s);
+    CHECK(farm.tiles("w").at(0).probe_side > 0);
+}
+
+TEST_CASE("what others can do is known again when somebody who boasted has left") {
+    const auto first_tile = [](bool after_boaster) {
+        Farm farm;
+        farm.worker_arrives("w", 1, 1, 1);
+        if (after_boaster) {
+            farm.say("boaster", WorkerHello{.worker = id_of<WorkerId>(2),
+                                            .incarnation = 1,
+                                            .worker_name = "boaster",
+                                            .threads = UINT32_MAX,
+                                            .credit = 1,
+                                            .speed_rays_per_s = 1e15,
+                                            .memory_bytes = 0,
+                                            .tags = {},
+                                            .program_version = {}});
+            farm.say("boaster", Goodbye{});
+        }
+        farm.pass(1s);
+        farm.submit("client", automatic(1, 512, 512));
+        const auto probe = farm.tiles("w").at(0);
+        for (const char* peer : {"a", "b", "c"})
+            farm.worker_arrives(peer, static_cast<std::uint8_t>(peer[0]), 1, 1);
+        farm.say("w", probed(probe, [](PixelRect) { return 1.0f; }));
+        return farm.tiles("w").at(0).rect;
+    };
+    CHECK(first_tile(true) == first_tile(false));
+}
+
 TEST_CASE("the share of a worker that is lost goes to the others") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 1);

@@ -204,6 +204,42 @@ TEST_CASE("a tile that kills its workers fails its job") {
     CHECK(farm.state(job).phase == JobPhase::failed);
 }
 
+TEST_CASE("a worker that comes back was not killed by its tile") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    for (int i = 0; i < 5; ++i) {
+        const PeerId peer = "connection" + std::to_string(i);
+        farm.worker_arrives(peer, 1, 1, 1);
+        REQUIRE(farm.tiles(peer).size() == 1);
+        farm.event(PeerUnreachable{peer});
+    }
+    CHECK(farm.state(job).phase == JobPhase::running);
+    for (std::uint8_t i = 2; i <= 3; ++i) { // these do not
+        farm.worker_arrives("dies", i, 1, 1);
+        farm.event(PeerUnreachable{"dies"});
+    }
+    CHECK(farm.state(job).phase == JobPhase::failed);
+}
+
+TEST_CASE("a broker that stood still takes nobody for silent before it has listened") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    farm.client_arrives("client");
+    farm.say("client", Farm::picture(1, 1)); // whose scene does not come
+    farm.pass(2s);
+    for (const Duration still : {4s, 40s, 4000s}) {
+        CAPTURE(still.count());
+        farm.now = farm.now + still;
+        farm.event(Tick{});
+        CHECK(farm.dispatcher.worker_count() == 1);
+        CHECK(farm.dispatcher.client_count() == 1);
+    }
+    farm.pass(1100ms); // with the two before: that is more than three beats
+    CHECK(farm.dispatcher.worker_count() == 0);
+    CHECK(farm.dispatcher.client_count() == 0);
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::waiting_for_scene);
+}
+
 TEST_CASE("pixels of a wrong size are a failure of the worker") {
     Farm farm;
     const JobId job = farm.submit(1, 1);
@@ -253,6 +289,58 @@ TEST_CASE("a tile that traces no ray within the lease is given to another and it
     farm.render("stuck", tile[0]);
     CHECK(farm.state(job).phase == JobPhase::done);
     CHECK(farm.all<CancelTile>("fresh").size() == 1); // not needed any more
+}
+
+TEST_CASE("a tile that is stuck beside others that move is given to another, and it alone") {
+    Farm farm;
+    const JobId job = farm.submit(1, 3);
+    farm.worker_arrives("w", 1, 2, 3);
+    const auto tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 3); // the third waits
+    farm.worker_arrives("fresh", 2, 1, 1);
+    std::uint64_t rays = 0;
+    for (Duration t{}; t < 61s; t += 900ms) {
+        farm.pass(900ms);
+        farm.beat_with("w", 3,
+                       {{job, tiles[0].tile, tiles[0].attempt, ++rays},
+                        {job, tiles[1].tile, tiles[1].attempt, 0},
+                        {job, tiles[2].tile, tiles[2].attempt, 0}});
+        farm.beat("fresh", 1, farm.all<RenderTile>("fresh"));
+    }
+    const auto cancelled = farm.all<CancelTile>("w");
+    REQUIRE(cancelled.size() == 1);
+    CHECK(cancelled[0].tile == tiles[1].tile);
+    CHECK(farm.tiles("fresh").at(0).rect == tiles[1].rect);
+}
+
+TEST_CASE("tiles that wait behind one that is stuck are given to others without blame") {
+    Farm farm(Limits{.attempts_max = 1});
+    const JobId job = farm.submit(1, 3);
+    const JobId other = farm.submit(2, 1);
+    CHECK(farm.state(other).phase == JobPhase::queued);
+    farm.worker_arrives("w", 1, 1, 4);
+    const auto tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 4);
+    const auto first_of = tiles[0].job; // that job fails: it was at work on it
+    for (Duration t{}; t < 61s; t += 900ms) {
+        farm.pass(900ms);
+        farm.beat("w", 4, tiles);
+    }
+    CHECK(farm.state(first_of).phase == JobPhase::failed);
+    CHECK_FALSE(is_over(farm.state(first_of == job ? other : job).phase));
+}
+
+TEST_CASE("a worker that still fetches its scene is not stuck") {
+    Farm farm;
+    farm.submit(1, 1);
+    farm.worker_arrives("slow line", 1, 1, 1);
+    const auto tiles = farm.tiles("slow line");
+    for (Duration t{}; t < 200s; t += 900ms) {
+        farm.pass(900ms);
+        farm.beat("slow line", 1, tiles);
+        farm.say("slow line", NeedChunk{scene_hash, 0});
+    }
+    CHECK(farm.all<CancelTile>("slow line").empty());
 }
 
 TEST_CASE("a slow tile that makes progress keeps its lease") {

@@ -184,6 +184,36 @@ TEST_CASE("a job that was over is tried again with its scene from the store") {
     CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::running);
 }
 
+TEST_CASE("a job whose scene comes from the store begins, though its client is still sending it") {
+    StoredJob failed = stored(1, 2, 1);
+    failed.phase = JobPhase::failed;
+    failed.over_for = 10s;
+    Farm farm({}, true);
+    farm.event(restored({failed}));
+    farm.client_arrives("c");
+    farm.say("c", Farm::picture(2, 1)); // of the same scene
+    CHECK(farm.heard<NeedChunk>("c"));
+    farm.say("c", ControlJob{id_of<JobId>(1), JobDeed::retry, 0});
+    farm.event(SceneLoaded{id_of<JobId>(1), "c", scene_bytes});
+    all_stored(farm);
+    CHECK(farm.state(id_of<JobId>(2)).phase == JobPhase::queued);
+}
+
+TEST_CASE("a job of which nothing was drawn is probed by the next broker") {
+    for (const std::uint32_t done : {0u, 1u}) {
+        StoredJob job = stored(1, 20, 0);
+        job.submission.tile_side = 0;
+        job.submission.settings.size = {256, 192};
+        job.submission.settings.crop = {0, 0, 256, 192};
+        if (done > 0)
+            job.tiles = {{.tile = {}, .frame = 0, .pass = 0, .rect = {0, 0, 32, 32}, .rays = {}}};
+        Farm farm({}, true);
+        farm.event(restored({job}));
+        farm.worker_arrives("w", 1, 1, 1);
+        CHECK((farm.tiles("w").at(0).probe_side > 0) == (done == 0));
+    }
+}
+
 TEST_CASE("a time limit goes on counting while there is no broker") {
     StoredJob job = stored(1, 2, 0);
     job.submission.settings.time_limit = 2min;
@@ -210,6 +240,14 @@ TEST_CASE("while nothing can be kept nothing is handed out, and everybody is tol
     farm.say("client", Farm::picture(2, 1));
     CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
     CHECK(farm.last<Refused>("client").reason.find("the disk is full") != std::string::npos);
+    // What people want would wait for the disk in memory, however often they want it.
+    const auto written_before = farm.persisted.size();
+    for (const JobDeed deed : {JobDeed::pause, JobDeed::resume, JobDeed::set_priority}) {
+        farm.forget("client");
+        farm.say("client", ControlJob{picture.job, deed, 1});
+        CHECK(farm.last<Refused>("client").reason.find("the disk is full") != std::string::npos);
+    }
+    CHECK(farm.persisted.size() == written_before);
     farm.event(StoreWorks{});
     CHECK(farm.tiles("w").size() == 1);
     CHECK(farm.state(picture.job).reason.empty());

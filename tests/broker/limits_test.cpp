@@ -1,5 +1,6 @@
 // Every limit of the broker, met.
 #include "common/protocol/limits.hpp"
+#include <cmath>
 
 #include "tests/broker/farm.hpp"
 
@@ -103,6 +104,46 @@ TEST_CASE("pictures beyond stored_bytes_max push out finished jobs and are else 
     farm.say("client", Farm::picture(3, 2));
     CHECK(farm.last<JobState>("client").number == 3);
     CHECK(farm.dispatcher.job_count() == 2);
+}
+
+TEST_CASE("for what is refused nothing is forgotten") {
+    Limits limits;
+    limits.stored_bytes_max = 5'000; // a picture of 2 tiles takes 2 x (1200 + 300)
+    limits.blob_bytes_max = 2 * scene_bytes.size();
+    Farm farm(limits);
+    farm.worker_arrives("w", 1, 1, 2);
+    farm.submit(1, 1);
+    farm.render("w", farm.tiles("w").at(0));
+    farm.submit(2, 2);
+    SubmitJob large = Farm::picture(3, 3), strange = Farm::picture(4, 1), dear = strange;
+    strange.scene_bytes += 1; // its scene is known, and shorter
+    dear.scene.bytes[0] ^= 1;
+    dear.scene_bytes = scene_bytes.size() + 1; // there are others', beside
+    for (const auto& [wanted, code] :
+         {std::pair(large, RefusalCode::limit_exceeded), std::pair(strange, RefusalCode::invalid),
+          std::pair(dear, RefusalCode::limit_exceeded)}) {
+        CAPTURE(to_string(wanted.job));
+        farm.forget("client");
+        farm.say("client", wanted);
+        CHECK(farm.last<Refused>("client").code == code);
+        CHECK(farm.dispatcher.job_count() == 2);
+    }
+}
+
+TEST_CASE("scenes that only what is over has make room for others") {
+    Limits limits;
+    limits.blob_bytes_max = 2 * scene_bytes.size() - 1;
+    Farm farm(limits);
+    farm.worker_arrives("w", 1, 1, 2);
+    for (const auto id : {std::uint8_t{1}, std::uint8_t{2}}) {
+        farm.submit(id, 1);
+        farm.render("w", farm.tiles("w").at(0));
+    }
+    SubmitJob other = Farm::picture(3, 1);
+    other.scene.bytes[0] ^= 1;
+    farm.say("client", other); // both of the others' jobs have the scene that goes
+    CHECK(farm.last<NeedChunk>("client").blob == other.scene);
+    CHECK(farm.dispatcher.job_count() == 1);
 }
 
 TEST_CASE("one client's pictures take client_bytes_max until they are over; others have room") {
@@ -292,6 +333,13 @@ TEST_CASE("a hello beyond the limits is refused") {
     hello.tags.assign(tags_max + 1, "tag");
     farm.say("tags", hello);
     CHECK(farm.last<Refused>("tags").code == RefusalCode::limit_exceeded);
+    hello.tags.clear();
+    for (const double speed : {2 * speed_rays_per_s_max, HUGE_VAL, std::nan("")}) {
+        hello.speed_rays_per_s = speed;
+        farm.say("fast", hello);
+        CHECK(farm.last<Refused>("fast").code == RefusalCode::limit_exceeded);
+        farm.forget("fast");
+    }
     CHECK(farm.dispatcher.worker_count() == 0);
 }
 

@@ -228,6 +228,19 @@ TEST_CASE("how far an order is counts what is done and what workers have told") 
     CHECK(farm.dispatcher.order_progress()[0].rays == 50 + tiles[0].rect.pixel_count());
 }
 
+TEST_CASE("a job whose scene comes with an order begins, though its client is still sending it") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 8);
+    farm.client_arrives("client");
+    farm.say("client", Farm::picture(1, 1));
+    CHECK(farm.last<NeedChunk>("client").blob == scene_hash);
+    farm.forget("client");
+    farm.event(Ordered{order_of(7, {0, 0, 64, 64})});
+    CHECK(farm.last<JobState>("client").phase == JobPhase::queued);
+    draw_all(farm, {"w"});
+    CHECK(farm.state(id_of<JobId>(1)).phase == JobPhase::done);
+}
+
 TEST_CASE("an order whose scene does not fit fails on this machine's account") {
     Limits limits;
     limits.blob_bytes_max = scene_bytes.size() - 1;

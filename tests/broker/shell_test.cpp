@@ -2,6 +2,7 @@
 
 #include "common/protocol/codec.hpp"
 #include "common/protocol/topics.hpp"
+#include "tests/broker/store_support.hpp"
 
 #include <doctest/doctest.h>
 #include <future>
@@ -132,4 +133,38 @@ TEST_CASE("a port that is taken is said to be") {
     REQUIRE_FALSE(ran.has_value());
     CHECK(ran.error().code == ErrorCode::io);
     CHECK(ran.error().message.find(broker.endpoint) != std::string::npos);
+}
+
+TEST_CASE("a store with a job that nobody can have submitted is said to be damaged") {
+    SubmitJob job;
+    job.job = random_id<JobId>();
+    job.scene_bytes = 1;
+    job.settings.size = {8, 8};
+    job.settings.crop = {0, 0, 8, 8};
+    SubmitJob strange = job;
+    strange.settings.crop.width = 9;
+    struct Row {
+        SubmitJob job;
+        std::uint32_t passes;
+        bool is_well;
+    };
+    for (const Row& row :
+         {Row{job, 1, true}, Row{job, 0, false}, Row{job, 2, false}, Row{strange, 1, false}}) {
+        const TempDirectory directory;
+        {
+            Store store = open_store(directory.path());
+            commit(store, {PutJob{row.job, 1, row.passes}});
+        }
+        Options options;
+        options.bind = options.publish = "tcp://127.0.0.1:0";
+        options.state = directory.path();
+        Control control;
+        control.stop();
+        const net::Context context;
+        const auto ran = run_broker(context, options, control);
+        CHECK(ran.has_value() == row.is_well);
+        if (!row.is_well)
+            CHECK(ran.error().message.find("is damaged (job " + to_string(job.job)) !=
+                  std::string::npos);
+    }
 }

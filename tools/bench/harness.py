@@ -62,13 +62,13 @@ class Farm:
         self.processes[0].wait()
         self.processes[0] = self.start_broker(self.broker, self.stream)
     def workers_seen(self):
-        """How often a worker has come so far."""
+        """How many workers have come so far, but for those whose broker has seen them leave."""
         self.told += self.reader.read()
         whole, _, self.told = self.told.rpartition('\n')
-        self.seen += whole.count(' is here: ')
+        self.seen += whole.count(' is here: ') - whole.count(' is gone (')
         return self.seen
     def await_workers(self, count, seconds=60):
-        """Until a worker has come so often."""
+        """Until so many have."""
         end = time.monotonic() + seconds
         while self.workers_seen() < count:
             if time.monotonic() > end:
