@@ -55,6 +55,7 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
     job.acknowledged_at = now_ - (*job.over_at - *job.acknowledged_at);
     job.over_at.reset();
     job.reason.clear();
+    job.scene_fault_found_by.reset();
     job.phase = JobPhase::queued;
     job.revive();
     if (job.probe == Job::Probe::in_flight) // nobody listened when it came
@@ -71,10 +72,14 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     Job* job = job_of(control.job);
     if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", control.job);
-    // Nothing leaves the queue to the store then; and a job may still be ended, once.
-    if (!store_trouble_.empty() && job->is_kept && control.deed != JobDeed::cancel)
+    // What cannot be written yet waits in memory, and people may ask for much; but once a job may
+    // be ended.
+    if (unstored_bytes_ > limits_.unstored_bytes_max && job->is_kept &&
+        control.deed != JobDeed::cancel)
         return refuse(peer, RefusalCode::limit_exceeded,
-                      "this broker cannot keep that now: " + store_trouble_, control.job);
+                      "this broker has too much that it cannot keep yet" +
+                          (store_trouble_.empty() ? "" : ": " + store_trouble_),
+                      control.job);
     std::optional<std::string> objection;
     switch (control.deed) {
     case JobDeed::cancel:
@@ -150,22 +155,32 @@ void Dispatcher::set_credit(const PeerId& peer, WorkerSession& worker, std::uint
     change_room(peer, worker, [&] { worker.credit = credit; });
 }
 
-void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control) {
-    std::vector<Workers::iterator> found;
-    for (auto worker = workers_.begin(); worker != workers_.end(); ++worker)
-        if (worker->second.hello.worker_name == control.what)
+namespace {
+
+/// Of workers, or of workers that are gone: those of that name, or else whose ids begin like that.
+template <class Map, class SessionOf>
+std::vector<typename Map::iterator> find_workers(Map& workers, const std::string& what,
+                                                 SessionOf session_of) {
+    std::vector<typename Map::iterator> found;
+    for (auto worker = workers.begin(); worker != workers.end(); ++worker)
+        if (session_of(worker->second).hello.worker_name == what)
             found.push_back(worker);
-    if (found.empty() && !control.what.empty())
-        for (auto worker = workers_.begin(); worker != workers_.end(); ++worker)
-            if (to_string(worker->second.hello.worker).starts_with(control.what))
+    if (found.empty() && !what.empty())
+        for (auto worker = workers.begin(); worker != workers.end(); ++worker)
+            if (to_string(session_of(worker->second).hello.worker).starts_with(what))
                 found.push_back(worker);
-    if (found.empty())
-        return refuse(peer, RefusalCode::no_such_worker,
-                      "there is no worker '" + control.what + "'");
-    if (found.size() > 1)
-        return refuse(peer, RefusalCode::invalid,
-                      "'" + control.what + "' fits " + std::to_string(found.size()) +
-                          " workers: give more of the id");
+    return found;
+}
+
+} // namespace
+
+void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control) {
+    const auto found = find_workers(
+        workers_, control.what, [](auto& session) -> auto& { return session; });
+    if (found.empty() && control.deed == WorkerDeed::undrain)
+        return undrain_absent(peer, control.what);
+    if (const auto objection = objection_to_one_of(found.size(), control.what))
+        return send(peer, *objection);
     const PeerId worker_peer = found.front()->first;
     WorkerSession& worker = found.front()->second;
     switch (control.deed) {
@@ -174,11 +189,7 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
         log(LogLevel::info, "worker " + worker.hello.worker_name + " is drained");
         break;
     case WorkerDeed::undrain:
-        change_room(worker_peer, worker, [&] {
-            worker.drained = false;
-            worker.quarantined_until.reset();
-            worker.failures.clear();
-        });
+        change_room(worker_peer, worker, [&] { undrain(worker); });
         log(LogLevel::info, "worker " + worker.hello.worker_name + " gets tiles again");
         break;
     case WorkerDeed::kick:
@@ -189,6 +200,39 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
         send(worker_peer, Dismissed{"dismissed by a client"});
         end_worker(workers_.find(worker_peer), Departure::said_goodbye, "it was dismissed");
     }
+}
+
+std::optional<Refused> Dispatcher::objection_to_one_of(std::size_t found, const std::string& what) {
+    if (found == 1)
+        return std::nullopt;
+    return found == 0
+               ? Refused{RefusalCode::no_such_worker, {}, "there is no worker '" + what + "'"}
+               : Refused{RefusalCode::invalid,
+                         {},
+                         "'" + what + "' fits " + std::to_string(found) +
+                             " workers: give more of the id"};
+}
+
+void Dispatcher::undrain(WorkerSession& worker) {
+    worker.drained = false;
+    worker.quarantined_until.reset();
+    worker.failures.clear();
+}
+
+/// For when it comes back. Of several processes of that name, which may have been started one after
+/// the other, any.
+void Dispatcher::undrain_absent(const PeerId& peer, const std::string& what) {
+    const auto found = find_workers(
+        absent_, what, [](auto& absent) -> auto& { return absent.session; });
+    const bool is_name = !found.empty() && found.front()->second.session.hello.worker_name == what;
+    if (const auto objection = objection_to_one_of(is_name ? 1 : found.size(), what))
+        return send(peer, *objection);
+    for (const auto& absent : found)
+        undrain(absent->second.session);
+    const WorkerSession& worker = found.front()->second.session;
+    log(LogLevel::info,
+        "worker " + worker.hello.worker_name + " gets tiles again when it comes back");
+    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}});
 }
 
 /// Too many within a while, and it gets nothing for as long; but for the last one that there is.

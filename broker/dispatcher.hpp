@@ -135,17 +135,15 @@ private:
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     /// Tiles of which it was a failure that their worker was lost.
     using Blames = std::vector<std::pair<JobId, OpenTileId>>;
-    /// Of a worker that may come back.
+    /// A worker that may come back.
     struct Absent {
         Instant left_at;
-        bool drained = false;
-        std::deque<Instant> failures;
-        std::optional<Instant> quarantined_until;
+        WorkerSession session; ///< as it ended
         Blames blamed;
     };
     enum class Departure { said_goodbye, lost, replaced };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
-    void remember(const WorkerSession& session, Blames blamed);
+    void remember(WorkerSession session, Blames blamed);
     void recall(WorkerSession& worker);
     void forget_absent_workers();
     void end_client(const PeerId& peer, Departure departure);
@@ -190,6 +188,10 @@ private:
     [[nodiscard]] std::optional<std::string> resume(Job& job);
     [[nodiscard]] std::optional<protocol::Refused> retry(Job& job);
     void control_worker(const PeerId& peer, const protocol::ControlWorker& control);
+    [[nodiscard]] static std::optional<protocol::Refused>
+    objection_to_one_of(std::size_t found, const std::string& what);
+    static void undrain(WorkerSession& worker);
+    void undrain_absent(const PeerId& peer, const std::string& what);
     void count_machine_failure(const PeerId& peer, WorkerSession& worker);
     void end_quarantines();
 
@@ -270,6 +272,7 @@ private:
     void tile_rendered(const PeerId& peer, WorkerSession& worker,
                        const protocol::TileRendered& answer);
     void tile_failed(const PeerId& peer, WorkerSession& worker, const protocol::TileFailed& answer);
+    [[nodiscard]] bool is_fault_of_scene(Job& job, const WorkerSession& worker) const;
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
     void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);

@@ -210,9 +210,10 @@ public:
     Instant submitted_at;     ///< from then on a time limit counts
     Instant scene_came_on_at; ///< while waiting for it: when it was last asked for or came
     std::optional<Instant> acknowledged_at, over_at;
-    bool is_kept = false;       ///< the store has it, or will
-    bool is_being_kept = false; ///< and it is acknowledged then
-    bool holds_scene = false;   ///< counted in the blob store
+    bool is_kept = false;                         ///< the store has it, or will
+    bool is_being_kept = false;                   ///< and it is acknowledged then
+    bool holds_scene = false;                     ///< counted in the blob store
+    std::optional<WorkerId> scene_fault_found_by; ///< the first of the two that it takes
     /// Since when tiles are left to those who have the scene: once, and not for long.
     std::optional<Instant> held_since;
 

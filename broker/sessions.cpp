@@ -182,7 +182,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
 void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {
     const PeerId peer = worker->first;
     set_credit(peer, worker->second, 0);
-    const WorkerSession session = std::move(worker->second);
+    WorkerSession session = std::move(worker->second);
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);
     if (departure == Departure::lost)
@@ -207,19 +207,21 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
             blamed.emplace_back(key.job, session.grants.at(key).id);
     }
     if (departure != Departure::said_goodbye)
-        remember(session, std::move(blamed));
+        remember(std::move(session), std::move(blamed));
 }
 
 /// A process that is cut off for a while comes back by another connection: what was said of it and
 /// what it did still count then.
-void Dispatcher::remember(const WorkerSession& session, Blames blamed) {
+void Dispatcher::remember(WorkerSession session, Blames blamed) {
     if (!session.drained && session.failures.empty() && blamed.empty())
         return;
     if (absent_.size() >= limits_.workers_max)
         absent_.erase(std::ranges::min_element(
             absent_, {}, [](const auto& entry) { return entry.second.left_at; }));
-    absent_[session.hello.worker] = {now_, session.drained, session.failures,
-                                     session.quarantined_until, std::move(blamed)};
+    session.grants.clear();
+    session.credit = session.hello.credit;
+    const WorkerId id = session.hello.worker;
+    absent_[id] = {now_, std::move(session), std::move(blamed)};
 }
 
 /// It lives, so no tile has killed it.
@@ -227,9 +229,9 @@ void Dispatcher::recall(WorkerSession& worker) {
     const auto found = absent_.find(worker.hello.worker);
     if (found == absent_.end())
         return;
-    worker.drained = found->second.drained;
-    worker.failures = std::move(found->second.failures);
-    worker.quarantined_until = found->second.quarantined_until;
+    worker.drained = found->second.session.drained;
+    worker.failures = std::move(found->second.session.failures);
+    worker.quarantined_until = found->second.session.quarantined_until;
     for (const auto& [id, tile] : found->second.blamed)
         if (Job* job = job_of(id))
             job->forgive(tile, worker.hello.worker);

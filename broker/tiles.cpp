@@ -150,16 +150,25 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
         forget_scene(worker, job->submission().scene);
     if (!job || is_over(job->phase))
         return;
-    if (answer.code == FailureCode::scene)
+    if (answer.code == FailureCode::scene && is_fault_of_scene(*job, worker))
         return end_job(*job, JobPhase::failed, answer.reason, FailureCode::scene);
     // Who leaves has said so, by a credit of 0, before it hands back. Anybody else who cancels what
     // nobody asked it to would be given the same tile again, for ever: that is a failure.
     const bool at_its_own_wish =
         answer.code == FailureCode::cancelled && !grant->cancelled && worker.credit > 0;
-    const bool counts = answer.code == FailureCode::machine || at_its_own_wish;
+    const bool counts = answer.code != FailureCode::cancelled || at_its_own_wish;
     if (counts)
         count_machine_failure(peer, worker);
     (void)take_back(key, *grant, counts, worker, answer.reason);
+}
+
+/// When two workers find it, or the only one that may draw it: one alone may be broken, or of
+/// another version.
+bool Dispatcher::is_fault_of_scene(Job& job, const WorkerSession& worker) const {
+    const WorkerId& finder = worker.hello.worker;
+    if (!job.scene_fault_found_by)
+        job.scene_fault_found_by = finder;
+    return job.scene_fault_found_by != finder || !has_others(job, std::span(&finder, 1));
 }
 
 /// A grant has ended without an answer that counts: its tile goes to somebody else, if it is still

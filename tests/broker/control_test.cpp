@@ -173,6 +173,24 @@ TEST_CASE(
     }
 }
 
+TEST_CASE("a worker that is gone is undrained for when it comes back") {
+    Farm farm;
+    for (const auto& [peer, id] : {std::pair("ada", 1), std::pair("bob", 2), std::pair("ada", 3)}) {
+        farm.worker_arrives(peer, static_cast<std::uint8_t>(id), 1, 1);
+        CHECK(control(farm, peer, WorkerDeed::drain).draining);
+        farm.event(PeerUnreachable{peer});
+    }
+    CHECK_FALSE(control(farm, "ada", WorkerDeed::undrain).draining); // either process of that name
+    farm.submit(1, 3);
+    farm.worker_arrives("bob again", 2, 1, 1);
+    CHECK(farm.tiles("bob again").empty());
+    for (const std::uint8_t id : {std::uint8_t{1}, std::uint8_t{3}}) {
+        const PeerId peer = "ada again " + std::to_string(id);
+        farm.worker_arrives(peer, id, 1, 1);
+        CHECK(farm.tiles(peer).size() == 1);
+    }
+}
+
 TEST_CASE("what a worker failed before it lost its connection counts when it is back") {
     Farm farm(Limits{.attempts_max = 1'000});
     farm.worker_arrives("bad", 1, 1, 1);

@@ -181,7 +181,30 @@ TEST_CASE("the only worker with a job's tags is asked again although the tile fa
     CHECK(f.tiles("without").empty());
 }
 
-TEST_CASE("a fault of the scene fails the job at once") {
+TEST_CASE("a fault of the scene that one worker finds is asked of another one") {
+    for (const bool is_true : {true, false}) {
+        CAPTURE(is_true);
+        Farm farm;
+        farm.worker_arrives("a", 1, 1, 2);
+        farm.worker_arrives("b", 2, 1, 1);
+        const JobId job = farm.submit(1, 4);
+        for (const RenderTile& tile : farm.tiles("a")) // one opinion, however often it is told
+            farm.fail("a", tile, FailureCode::scene);
+        CHECK_FALSE(is_over(farm.state(job).phase));
+        for (auto tiles = farm.tiles("b"); !tiles.empty(); tiles = farm.tiles("b"))
+            if (is_true)
+                farm.fail("b", tiles.at(0), FailureCode::scene);
+            else
+                farm.render("b", tiles.at(0));
+        if (!is_true)
+            for (auto tiles = farm.tiles("a"); !tiles.empty(); tiles = farm.tiles("a"))
+                farm.render("a", tiles.at(0)); // what had not failed there
+        CHECK(farm.state(job).phase == (is_true ? JobPhase::failed : JobPhase::done));
+        CHECK(farm.state(job).reason == (is_true ? "no luck" : ""));
+    }
+}
+
+TEST_CASE("a fault of the scene that the only worker finds fails the job at once") {
     Farm farm;
     const JobId job = farm.submit(1, 8);
     farm.worker_arrives("a", 1, 2, 4);

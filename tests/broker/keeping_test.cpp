@@ -240,14 +240,6 @@ TEST_CASE("while nothing can be kept nothing is handed out, and everybody is tol
     farm.say("client", Farm::picture(2, 1));
     CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
     CHECK(farm.last<Refused>("client").reason.find("the disk is full") != std::string::npos);
-    // What people want would wait for the disk in memory, however often they want it.
-    const auto written_before = farm.persisted.size();
-    for (const JobDeed deed : {JobDeed::pause, JobDeed::resume, JobDeed::set_priority}) {
-        farm.forget("client");
-        farm.say("client", ControlJob{picture.job, deed, 1});
-        CHECK(farm.last<Refused>("client").reason.find("the disk is full") != std::string::npos);
-    }
-    CHECK(farm.persisted.size() == written_before);
     farm.event(StoreWorks{});
     CHECK(farm.tiles("w").size() == 1);
     CHECK(farm.state(picture.job).reason.empty());
@@ -283,8 +275,17 @@ TEST_CASE("a store that is too slow holds up the farm beyond unstored_bytes_max"
     }
     CHECK(handed > 1);
     CHECK(handed < 10);
+    const auto written = farm.persisted.size();
+    for (const JobDeed deed : {JobDeed::pause, JobDeed::resume, JobDeed::set_priority}) {
+        farm.forget("client");
+        farm.say("client", ControlJob{id_of<JobId>(1), deed, 1});
+        CHECK(farm.last<Refused>("client").code == RefusalCode::limit_exceeded);
+    }
+    CHECK(farm.persisted.size() == written);
     all_stored(farm);
     CHECK(farm.tiles("w").size() == 1);
+    farm.say("client", ControlJob{id_of<JobId>(1), JobDeed::pause, 0});
+    CHECK(farm.last<JobState>("client").phase == JobPhase::paused);
 }
 
 } // namespace
