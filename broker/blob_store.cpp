@@ -1,12 +1,10 @@
 #include "broker/blob_store.hpp"
 
 #include "common/base/assert.hpp"
-#include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <string>
-#include <utility>
 
 namespace fraja::broker {
 
@@ -48,56 +46,66 @@ void BlobStore::release(const ContentHash& hash) {
     }
 }
 
-void BlobStore::restore(const ContentHash& hash, Blob bytes) {
+void BlobStore::restore(const ContentHash& hash, const Blob& bytes) {
     Entry& entry = entries_.at(hash);
     FRAJA_ASSERT(bytes.size() == entry.total_bytes);
-    entry.data.clear();
-    entry.whole = std::move(bytes);
+    entry.chunks.clear();
+    for (const Blob& chunk : cut(bytes, protocol::chunk_bytes))
+        entry.chunks.push_back(Blob::copy(chunk));
+    entry.arrived_bytes = entry.total_bytes;
+    entry.complete = true;
 }
 
-std::optional<Blob> BlobStore::whole(const ContentHash& hash) const {
+bool BlobStore::complete(const ContentHash& hash) const {
     const auto found = entries_.find(hash);
-    return found == entries_.end() ? std::nullopt : found->second.whole;
+    return found != entries_.end() && found->second.complete;
+}
+
+const std::vector<Blob>& BlobStore::chunks(const ContentHash& hash) const {
+    const Entry& entry = entries_.at(hash);
+    FRAJA_ASSERT(entry.complete);
+    return entry.chunks;
 }
 
 std::uint64_t BlobStore::wanted_offset(const ContentHash& hash) const {
     const auto found = entries_.find(hash);
-    return found == entries_.end() ? 0 : found->second.data.size();
+    return found == entries_.end() ? 0 : found->second.arrived_bytes;
 }
 
 BlobStore::Arrival BlobStore::add(const protocol::Chunk& chunk) {
     const auto found = entries_.find(chunk.blob);
-    if (found == entries_.end() || found->second.whole)
+    if (found == entries_.end() || found->second.complete)
         return Arrival::ignored;
     Entry& entry = found->second;
     const Blob& bytes = chunk.blobs.front();
-    const std::uint64_t rest = entry.total_bytes - entry.data.size();
-    if (chunk.offset_bytes != entry.data.size() || chunk.total_bytes != entry.total_bytes ||
+    const std::uint64_t rest = entry.total_bytes - entry.arrived_bytes;
+    if (chunk.offset_bytes != entry.arrived_bytes || chunk.total_bytes != entry.total_bytes ||
         bytes.size() != std::min<std::uint64_t>(protocol::chunk_bytes, rest))
         return Arrival::ignored;
-    entry.data.insert(entry.data.end(), bytes.begin(), bytes.end());
-    if (entry.data.size() < entry.total_bytes)
+    entry.chunks.push_back(bytes);
+    entry.hasher.add(bytes);
+    entry.arrived_bytes += bytes.size();
+    if (entry.arrived_bytes < entry.total_bytes)
         return Arrival::more;
-    if (protocol::content_hash(entry.data) != chunk.blob) {
-        entry.data.clear();
+    if (entry.hasher.finish() != chunk.blob) {
+        entry.chunks.clear();
+        entry.hasher = {};
+        entry.arrived_bytes = 0;
         return Arrival::wrong_hash;
     }
-    entry.whole = Blob(std::exchange(entry.data, {}));
+    entry.complete = true;
     return Arrival::complete;
 }
 
 std::optional<protocol::Chunk> BlobStore::chunk(const ContentHash& hash,
                                                 std::uint64_t offset_bytes) const {
-    const auto data = whole(hash);
-    if (!data || offset_bytes % protocol::chunk_bytes != 0 || offset_bytes >= data->size())
+    const std::uint64_t at = offset_bytes / protocol::chunk_bytes;
+    if (!complete(hash) || offset_bytes % protocol::chunk_bytes != 0 || at >= chunks(hash).size())
         return std::nullopt;
-    const auto size = std::min<std::uint64_t>(protocol::chunk_bytes, data->size() - offset_bytes);
-    // A copy: one that waits for a worker that takes nothing must not keep the whole scene, which
-    // may be released meanwhile.
     return protocol::Chunk{.blob = hash,
                            .offset_bytes = offset_bytes,
-                           .total_bytes = data->size(),
-                           .blobs = {Blob::copy(data->part(offset_bytes, size))}};
+                           .total_bytes = entries_.at(hash).total_bytes,
+                           .blobs = {chunks(hash)[at]}};
 }
 
 } // namespace fraja::broker

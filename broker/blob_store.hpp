@@ -4,11 +4,13 @@
 #include "common/base/bytes.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/result.hpp"
+#include "common/protocol/content_hash.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <vector>
 
 namespace fraja::broker {
 
@@ -28,11 +30,11 @@ public:
     void release(const ContentHash& hash);
 
     /// Gives a blob that was kept elsewhere, and has been acquired, its bytes, which must be right.
-    void restore(const ContentHash& hash, Blob bytes);
+    void restore(const ContentHash& hash, const Blob& bytes);
 
-    [[nodiscard]] bool complete(const ContentHash& hash) const { return whole(hash).has_value(); }
-    /// Nothing until it is complete.
-    [[nodiscard]] std::optional<Blob> whole(const ContentHash& hash) const;
+    [[nodiscard]] bool complete(const ContentHash& hash) const;
+    /// All of a complete blob, in chunks.
+    [[nodiscard]] const std::vector<Blob>& chunks(const ContentHash& hash) const;
     /// The first byte that is still to come.
     [[nodiscard]] std::uint64_t wanted_offset(const ContentHash& hash) const;
 
@@ -42,6 +44,8 @@ public:
     Arrival add(const protocol::Chunk& chunk);
 
     /// The chunk of a complete blob that starts at the offset; nothing when there is no such chunk.
+    /// Whoever asks for it gets the same bytes in memory, so it costs nothing that many do; and it
+    /// keeps no other chunk, as one that waits for a worker that takes nothing may stay for long.
     [[nodiscard]] std::optional<protocol::Chunk> chunk(const ContentHash& hash,
                                                        std::uint64_t offset_bytes) const;
 
@@ -51,8 +55,10 @@ private:
     struct Entry {
         std::uint64_t total_bytes = 0;
         std::uint32_t users = 0;
-        Bytes data;                ///< as far as it has arrived
-        std::optional<Blob> whole; ///< then this instead
+        std::vector<Blob> chunks; ///< as far as they have arrived
+        std::uint64_t arrived_bytes = 0;
+        protocol::ContentHasher hasher; ///< of these
+        bool complete = false;
     };
     std::map<ContentHash, Entry> entries_;
     std::uint64_t bytes_max_;

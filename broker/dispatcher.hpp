@@ -173,7 +173,7 @@ private:
     void take_chunk(const PeerId& peer, const protocol::Chunk& chunk);
     void give_chunk(const PeerId& peer, WorkerSession& worker, const protocol::NeedChunk& need);
     void begin_jobs_of(const ContentHash& scene);
-    void bring_scene(const ContentHash& scene, Blob bytes);
+    void bring_scene(const ContentHash& scene, const Blob& bytes);
     void want_probe(Job& job);
     void acknowledge(Job& job);
     void find_job(const PeerId& peer, const protocol::FindJob& find);

@@ -325,10 +325,10 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
 }
 
 /// One that has been acquired comes from elsewhere, perhaps while a client is sending it.
-void Dispatcher::bring_scene(const ContentHash& scene, Blob bytes) {
+void Dispatcher::bring_scene(const ContentHash& scene, const Blob& bytes) {
     if (blobs_.complete(scene))
         return;
-    blobs_.restore(scene, std::move(bytes));
+    blobs_.restore(scene, bytes);
     begin_jobs_of(scene);
 }
 

@@ -24,7 +24,7 @@ void Dispatcher::keep_job(Job& job) {
         return acknowledge(job);
     const SubmitJob& s = job.submission();
     job.is_kept = job.is_being_kept = true;
-    persist(PutBlob{s.scene, {*blobs_.whole(s.scene)}}, {.job = job.id()});
+    persist(PutBlob{s.scene, blobs_.chunks(s.scene)}, {.job = job.id()});
     persist(PutJob{s, job.number(), job.passes()}, {.job = job.id(), .acknowledges = true});
 }
 

@@ -21,6 +21,8 @@ constexpr int backlog =
     4096; // the default of 100 lets 10,000 workers take half a minute to come back
 constexpr int router_queue_max =
     10'000; // above any credit: ROUTER answers `full` only for peers that do not read
+constexpr std::uint64_t router_unsent_bytes_max = std::uint64_t{512} << 20; // of blobs, to a peer
+constexpr std::uint64_t router_unsent_bytes_of_all_max = std::uint64_t{1} << 30;
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
@@ -157,6 +159,9 @@ std::optional<RoutedMessage> take_routed(zmq::socket_t& socket) {
 
 } // namespace
 
+RouterSocket::RouterSocket(std::unique_ptr<SocketImpl> impl)
+    : Socket(std::move(impl)), unsent_(router_unsent_bytes_max, router_unsent_bytes_of_all_max) {}
+
 Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
     auto router = bind_router(context, endpoint);
     if (!router)
@@ -174,7 +179,10 @@ std::optional<RoutedMessage> RouterSocket::receive() {
 }
 
 SendStatus RouterSocket::send(const PeerId& peer, const protocol::Packet& packet) {
-    return send_packet(impl_->socket, peer, packet);
+    if (packet.blobs.empty())
+        return send_packet(impl_->socket, peer, packet);
+    const auto lent = unsent_.lend(peer, packet);
+    return lent ? send_packet(impl_->socket, peer, *lent) : SendStatus::full;
 }
 
 Result<void> RouterSocket::call(const std::string& endpoint) {

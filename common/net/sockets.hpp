@@ -7,6 +7,7 @@
 #include "common/base/bytes.hpp"
 #include "common/base/instant.hpp"
 #include "common/base/result.hpp"
+#include "common/net/unsent.hpp"
 #include "common/protocol/codec.hpp"
 
 #include <cstdint>
@@ -84,14 +85,16 @@ public:
     /// Where it is really bound: port 0 is replaced.
     [[nodiscard]] const std::string& endpoint() const { return bound_; }
     [[nodiscard]] std::optional<RoutedMessage> receive();
+    /// `full` also when too many bytes wait for it.
     SendStatus send(const PeerId& peer, const protocol::Packet& packet);
     /// Besides, connects to a CalleeSocket; again and again, as a DealerSocket does. It is a peer
     /// when it has said something.
     [[nodiscard]] Result<void> call(const std::string& endpoint);
 
 private:
-    using Socket::Socket;
+    explicit RouterSocket(std::unique_ptr<SocketImpl> impl);
     std::string bound_;
+    Unsent unsent_;
     bool calls_ = false;
 };
 

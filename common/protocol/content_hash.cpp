@@ -6,14 +6,34 @@
 
 namespace fraja::protocol {
 
-ContentHash content_hash(std::span<const std::byte> bytes) {
+struct ContentHasher::State {
+    crypto_generichash_state blake;
+};
+
+ContentHasher::ContentHasher() : state_(std::make_unique<State>()) {
     static const bool ready = sodium_init() >= 0;
     FRAJA_ASSERT(ready);
+    crypto_generichash_init(&state_->blake, nullptr, 0, ContentHash{}.bytes.size());
+}
+ContentHasher::~ContentHasher() = default;
+ContentHasher::ContentHasher(ContentHasher&&) noexcept = default;
+ContentHasher& ContentHasher::operator=(ContentHasher&&) noexcept = default;
+
+void ContentHasher::add(std::span<const std::byte> piece) {
+    crypto_generichash_update(&state_->blake, reinterpret_cast<const unsigned char*>(piece.data()),
+                              piece.size());
+}
+
+ContentHash ContentHasher::finish() {
     ContentHash hash;
-    crypto_generichash(hash.bytes.data(), hash.bytes.size(),
-                       reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), nullptr,
-                       0);
+    crypto_generichash_final(&state_->blake, hash.bytes.data(), hash.bytes.size());
     return hash;
+}
+
+ContentHash content_hash(std::span<const std::byte> bytes) {
+    ContentHasher hasher;
+    hasher.add(bytes);
+    return hasher.finish();
 }
 
 } // namespace fraja::protocol

@@ -46,9 +46,28 @@ TEST_CASE("a blob arrives chunk by chunk and is given out as it came") {
         const auto chunk = store.chunk(hash, offset);
         REQUIRE(chunk.has_value());
         CHECK(chunk->blobs.front() == chunk_of(bytes, offset).blobs.front());
+        CHECK(store.chunk(hash, offset)->blobs.front().data() ==
+              chunk->blobs.front().data()); // many may ask for it
     }
+    CHECK(joined(store.chunks(hash)) == Blob(bytes));
     CHECK_FALSE(store.chunk(hash, 1).has_value());
     CHECK_FALSE(store.chunk(hash, 3 * chunk_bytes).has_value());
+}
+
+TEST_CASE("a blob that comes whole is given out chunk by chunk, and none keeps another") {
+    const Bytes bytes = some_bytes(2 * chunk_bytes + 17);
+    const ContentHash hash = content_hash(bytes);
+    BlobStore store(1 << 30);
+    REQUIRE(store.acquire(hash, bytes.size()).has_value());
+    CHECK(store.add(chunk_of(bytes, 0)) == BlobStore::Arrival::more); // what had come goes
+    const Blob whole(bytes);
+    store.restore(hash, whole);
+    for (const std::uint64_t offset : {std::uint64_t{0}, chunk_bytes, 2 * chunk_bytes}) {
+        const Blob chunk = store.chunk(hash, offset).value().blobs.front();
+        CHECK(chunk == chunk_of(bytes, offset).blobs.front());
+        CHECK((chunk.end() <= whole.begin() || chunk.begin() >= whole.end()));
+    }
+    CHECK(store.add(chunk_of(bytes, chunk_bytes)) == BlobStore::Arrival::ignored);
 }
 
 TEST_CASE("bytes with another hash than announced are not kept") {

@@ -1,0 +1,75 @@
+#include "common/net/unsent.hpp"
+
+#include "common/net/clock.hpp"
+#include "common/net/sockets.hpp"
+
+#include <doctest/doctest.h>
+#include <vector>
+#include <zmq.hpp>
+
+using namespace fraja;
+using namespace fraja::net;
+using namespace std::chrono_literals;
+
+namespace {
+
+protocol::Packet packet_of(std::size_t blob_bytes) {
+    return {to_bytes("head"), to_bytes("body"), {Blob(Bytes(blob_bytes))}};
+}
+
+} // namespace
+
+TEST_CASE("bytes wait for a peer up to a limit, and for all together up to another") {
+    Unsent unsent(1'000, 2'500);
+    std::vector<protocol::Packet> waiting;
+    const auto lend = [&](const std::string& peer, std::size_t bytes) {
+        auto lent = unsent.lend(peer, packet_of(bytes));
+        if (lent)
+            waiting.push_back(std::move(*lent));
+        return lent.has_value();
+    };
+    CHECK(lend("a", 600));
+    CHECK(lend("a", 400));
+    CHECK_FALSE(lend("a", 1));
+    CHECK(lend("b", 1'000));
+    CHECK(lend("c", 400));
+    CHECK_FALSE(lend("c", 400)); // all together
+    CHECK(lend("d", 2'000));     // nothing waits for that one
+    waiting.erase(waiting.begin());
+    CHECK_FALSE(lend("a", 600)); // it has room again, but all together have none
+    waiting.clear();
+    CHECK(lend("a", 600));
+    CHECK(waiting.front().blobs == packet_of(600).blobs);
+}
+
+TEST_CASE("peers for whom nothing waits are forgotten, the others are not") {
+    Unsent unsent(100, 1'000'000);
+    const auto waits = unsent.lend("slow", packet_of(100));
+    for (int i = 0; i < 10'000; ++i)
+        CHECK(unsent.lend(std::to_string(i), packet_of(100)).has_value());
+    CHECK_FALSE(unsent.lend("slow", packet_of(100)).has_value());
+}
+
+TEST_CASE("a peer that takes nothing costs a router half a gibibyte at most") {
+    const Context context;
+    auto router = RouterSocket::bind(context, "tcp://127.0.0.1:0");
+    REQUIRE(router.has_value());
+    zmq::context_t others;
+    zmq::socket_t deaf(others, zmq::socket_type::dealer);
+    deaf.set(zmq::sockopt::linger, 0);
+    deaf.set(zmq::sockopt::rcvhwm, 1);
+    deaf.connect(router->endpoint());
+    (void)deaf.send(zmq::buffer(std::string_view("here I am")), zmq::send_flags::none);
+    std::optional<RoutedMessage> first;
+    for (int i = 0; i < 500 && !(first = router->receive()); ++i)
+        wait({*router}, 10ms);
+    REQUIRE(first.has_value());
+    const protocol::Packet chunk = packet_of(std::size_t{512} << 10); // the same bytes every time
+    int sent = 0;
+    while (sent < 9'000 && router->send(first->peer, chunk) == SendStatus::sent)
+        ++sent;
+    CHECK(sent >= 1'024);
+    CHECK(sent < 1'500); // some are in the kernel's buffers
+    CHECK(router->send(first->peer, {to_bytes("head"), to_bytes("no pixels"), {}}) ==
+          SendStatus::sent);
+}
