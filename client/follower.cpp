@@ -245,6 +245,8 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
         return;
     if (is_over(state_.phase))
         lower_barrier(actions);
+    if (done.state.epoch < state_.epoch)
+        return;             // what another broker had told an earlier follower
     if (!repair_pending_) { // the answer to a request that was given up or repeated
         if (is_over(state_.phase))
             repair_wanted_ = now;
@@ -254,10 +256,11 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     repair_ends_ = Instant::never();
     const bool all_told = done.remaining_count == 0;
     caught_up_ = caught_up_ || all_told;
-    if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state))
+    if (is_over(done.state.phase) != is_over(state_.phase))
+        repair_wanted_ = now; // it was answered before the end, or before it was tried again
+    else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
+             have_count_ >= done.state.done_count) // fewer: somebody else's question was answered
         complete_ = true; // failed, cancelled, out of time: there is no more
-    else if (!is_over(done.state.phase) && is_over(state_.phase))
-        repair_wanted_ = now; // it was answered before the end
     else if (!all_told || is_over(state_.phase))
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;
     else

@@ -157,6 +157,35 @@ TEST_CASE("tiles that a broker has lost with its restart do not make up for othe
     CHECK(f.follower.have_count() == 2);
 }
 
+TEST_CASE("an answer to what an earlier follower asked does not end this one") {
+    Following f;
+    f.job.phase = protocol::JobPhase::cancelled;
+    f.job.done_count = 2;
+    f.step(FromStream{f.job});
+    REQUIRE(repair_in(f.actions).has_value());
+    protocol::JobState other = f.job;
+    SUBCASE("who had tiles that are not here") {}
+    SUBCASE("of another broker") {
+        other.epoch = 0;
+        other.done_count = 0;
+    }
+    SUBCASE("before it was tried again") {
+        protocol::JobState again = f.job;
+        again.phase = protocol::JobPhase::running;
+        again.elapsed = 5s;
+        f.step(FromBroker{again});
+        other.done_count = 0;
+    }
+    f.step(FromBroker{protocol::RepairDone{other, 0}});
+    CHECK_FALSE(f.follower.is_complete());
+    f.step(FromBroker{tile_of(f.job, 0)});
+    f.step(FromBroker{tile_of(f.job, 3)});
+    f.job.elapsed = 9s;
+    f.step(FromStream{f.job}); // it is over in the end
+    f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+    CHECK(f.follower.is_complete());
+}
+
 TEST_CASE("a state by the session is no digest: its tiles may still be on their way") {
     Following f;
     f.job.done_count = 3;
