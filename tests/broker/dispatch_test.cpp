@@ -287,6 +287,29 @@ TEST_CASE("a late tile is given out again in overbooked_parts_max parts at most"
     CHECK(parts_most({.overbooked_parts_max = 3}) == 3);
 }
 
+TEST_CASE("whether somebody could help out is looked at every overbook_interval") {
+    for (const Duration interval : {7ms, 50ms}) {
+        Farm farm(Limits{.overbook_interval = interval, .heartbeat = 1h});
+        farm.worker_arrives("at work", 1, 1, 2, {"able"});
+        SubmitJob s = Farm::picture(1, 3);
+        s.wishes.tags = {"able"};
+        farm.submit("client", s);
+        farm.now = farm.now + 5ms;
+        farm.render("at work", farm.tiles("at work").at(0));
+        farm.event(Tick{});
+        CHECK(farm.dispatcher.next_deadline() > farm.now + 1min); // nobody is idle
+        farm.worker_arrives("idle", 2, 1, 1);
+        farm.pass(1s);
+        farm.event(Tick{});
+        CHECK(farm.dispatcher.next_deadline() <= farm.now + interval);
+        CHECK(farm.dispatcher.next_deadline() > farm.now);
+        const Instant next = farm.dispatcher.next_deadline();
+        farm.now = next;
+        farm.event(Tick{});
+        CHECK(farm.dispatcher.next_deadline() == next + interval);
+    }
+}
+
 TEST_CASE("where a probe finds much is where the next tile is") {
     Farm farm;
     farm.worker_arrives("w", 1, 1, 2);

@@ -101,6 +101,7 @@ public:
     Chaos(std::uint64_t seed, Duration time, std::uint64_t broker_deaths);
     void rage();
     void heal();
+    void check_that_it_raged() const;
     void check_that_nothing_is_left();
     void tell() const;
 
@@ -118,6 +119,7 @@ private:
     bool go_on(Errand& errand);
     bool is_gone(Watcher& watcher);
     void check_log(const Process& process) const;
+    [[nodiscard]] std::uint64_t rubbish_count() const;
     Process start(const std::string& name, const Words& words) const;
     std::string file_name(const std::string& extension) {
         return scratch_.file(std::to_string(++files_) + "." + extension);
@@ -390,18 +392,31 @@ void Chaos::check_that_nothing_is_left() {
     CHECK(checked->exit == 0);
 }
 
-void Chaos::tell() const {
-    const auto count = [&](Misdeed misdeed) { return rubbish_ ? rubbish_->count(misdeed) : 0; };
+std::uint64_t Chaos::rubbish_count() const {
     std::uint64_t rubbish = 0;
-    for (std::size_t i = 0; i < chaos::misdeed_count; ++i)
-        rubbish += count(static_cast<Misdeed>(i));
+    for (std::size_t i = 0; rubbish_ && i < chaos::misdeed_count; ++i)
+        rubbish += rubbish_->count(static_cast<Misdeed>(i));
+    return rubbish;
+}
+
+/// Or nothing is proven.
+void Chaos::check_that_it_raged() const {
+    CHECK(counts_.attached + counts_.detached > 0);
+    CHECK(counts_.watchers > 0);
+    CHECK(counts_.workers_killed > 0);
+    CHECK(counts_.workers_stopped > 0);
+    CHECK(counts_.broker_killed > 0);
+    CHECK(rubbish_count() > 0);
+}
+
+void Chaos::tell() const {
     const auto n = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
     std::printf("%llu jobs waited for and %llu fetched, all right; %llu watchers; workers: %llu "
                 "killed, %llu stopped; broker: killed %llu times; rubbish: %llu answers in %llu "
                 "sessions; healed in %.1f s\n",
                 n(counts_.attached), n(counts_.detached), n(counts_.watchers),
                 n(counts_.workers_killed), n(counts_.workers_stopped), n(counts_.broker_killed),
-                n(rubbish), n(rubbish_ ? rubbish_->sessions() : 0), seconds(healing_));
+                n(rubbish_count()), n(rubbish_ ? rubbish_->sessions() : 0), seconds(healing_));
     std::fflush(stdout);
 }
 
@@ -421,5 +436,6 @@ TEST_CASE("every picture comes out as if nothing had happened") {
     chaos.rage();
     chaos.heal();
     chaos.tell();
+    chaos.check_that_it_raged();
     chaos.check_that_nothing_is_left();
 }

@@ -1,4 +1,6 @@
 // Everything that reads bytes or text of others: the decoder, and the parsers of what people type.
+#include "client/frames.hpp"
+#include "client/watch_options.hpp"
 #include "common/base/assert.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/text.hpp"
@@ -8,6 +10,7 @@
 #include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
 #include "tests/fuzz/arbitrary.hpp"
+#include "worker/options.hpp"
 
 #include <algorithm>
 
@@ -39,6 +42,24 @@ void check_decoding(const std::vector<Blob>& frames) {
     FRAJA_ASSERT(same_bytes(once, protocol::encode(*again)));
 }
 
+/// A body that lay in a store: what is read is written, and that reads to the same bytes.
+template <class M>
+void check_kept(std::span<const std::byte> body) {
+    auto kept = protocol::decode_kept<M>(body);
+    if (!kept) {
+        FRAJA_ASSERT(!kept.error().message.empty());
+        return;
+    }
+    const auto body_of = [](M& message) {
+        if constexpr (std::is_same_v<M, protocol::TileDone>)
+            message.blobs = {Blob()}; // they lie elsewhere
+        return protocol::encode(message).body;
+    };
+    const Bytes once = body_of(*kept);
+    auto again = protocol::decode_kept<M>(once);
+    FRAJA_ASSERT(again.has_value() && body_of(*again) == once);
+}
+
 /// Frames as they come: each a length of two bytes and so many bytes.
 void decode_raw(Input& in) {
     std::vector<Blob> frames;
@@ -66,6 +87,8 @@ void decode_body(Input& in) {
     const auto body = std::as_bytes(in.take_all());
     frames[1] = Blob::copy(body);
     check_decoding(frames);
+    check_kept<protocol::SubmitJob>(body);
+    check_kept<protocol::TileDone>(body);
 }
 
 /// A message that is one, with a byte of it changed.
@@ -78,6 +101,8 @@ void decode_nearly(Input& in) {
         body[in.number(2) % body.size()] = std::byte(in.byte());
     if (in.once_in(4))
         body.resize(in.number(2) % (body.size() + 1));
+    check_kept<protocol::SubmitJob>(body);
+    check_kept<protocol::TileDone>(body);
     frames[1] = Blob(body);
     check_decoding(frames);
 }
@@ -134,6 +159,22 @@ void parse_endpoints(Input& in, const std::string& text) {
         FRAJA_ASSERT(net::parse_endpoint(*stream, 1).has_value());
 }
 
+void parse_options(const std::string& text) {
+    if (const auto frames = client::parse_frames(text))
+        FRAJA_ASSERT(frames->first >= 1 && frames->first <= frames->last && frames->step >= 1);
+    if (const auto share = client::parse_until(text))
+        FRAJA_ASSERT(*share >= 0 && *share <= 1);
+    if (client::check_frame_pattern(text)) {
+        const std::string last = client::frame_file(text, UINT32_MAX);
+        FRAJA_ASSERT(last != client::frame_file(text, 1) &&
+                     last.find("4294967295") != std::string::npos);
+    }
+    if (const auto workers = worker::parse_emulated_workers(text))
+        FRAJA_ASSERT(workers->count >= 1 && workers->rays_per_s > 0);
+    else
+        FRAJA_ASSERT(!workers.error().message.empty());
+}
+
 void parse_text(Input& in) {
     Input numbers = in; // the same bytes again: text is read whole
     const auto all = in.take_all();
@@ -141,6 +182,7 @@ void parse_text(Input& in) {
     parse_numbers(text);
     parse_names(numbers, text);
     parse_endpoints(numbers, text);
+    parse_options(text);
 }
 
 void check_settings(Input& in) {

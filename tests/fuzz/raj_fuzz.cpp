@@ -1,4 +1,5 @@
-// The reader of .raj: any text. What reads is written and read again; what is small is compiled.
+// The reader of .raj: any text, as a scene and as a travel. What reads is written and read again;
+// what is small is compiled.
 #include "common/base/assert.hpp"
 #include "common/render/render.hpp"
 #include "common/scene/raj_reader.hpp"
@@ -17,8 +18,21 @@ constexpr std::size_t compiled_parts_max = 60;
 
 } // namespace
 
+namespace {
+
+void read_travel(const std::string& text) {
+    const auto cameras = read_raj_cameras(text, "fuzz.raj", limits);
+    if (cameras)
+        FRAJA_ASSERT(!cameras->empty());
+    else
+        FRAJA_ASSERT(cameras.error().message.starts_with("fuzz.raj:"));
+}
+
+} // namespace
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const std::string text(data, data + size);
+    read_travel(text);
     std::vector<std::string> warnings;
     const auto scene = read_raj(text, "fuzz.raj", limits, &warnings);
     for (const std::string& warning : warnings)
