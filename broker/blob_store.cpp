@@ -50,8 +50,7 @@ void BlobStore::restore(const ContentHash& hash, const Blob& bytes) {
     Entry& entry = entries_.at(hash);
     FRAJA_ASSERT(bytes.size() == entry.total_bytes);
     entry.chunks.clear();
-    for (const Blob& chunk : cut(bytes, protocol::chunk_bytes))
-        entry.chunks.push_back(Blob::copy(chunk));
+    entry.chunks = cut(bytes, protocol::chunk_bytes);
     entry.arrived_bytes = entry.total_bytes;
     entry.complete = true;
 }

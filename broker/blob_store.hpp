@@ -44,8 +44,7 @@ public:
     Arrival add(const protocol::Chunk& chunk);
 
     /// The chunk of a complete blob that starts at the offset; nothing when there is no such chunk.
-    /// Whoever asks for it gets the same bytes in memory, so it costs nothing that many do; and it
-    /// keeps no other chunk, as one that waits for a worker that takes nothing may stay for long.
+    /// Whoever asks for it gets the same bytes in memory, so it costs nothing that many do.
     [[nodiscard]] std::optional<protocol::Chunk> chunk(const ContentHash& hash,
                                                        std::uint64_t offset_bytes) const;
 

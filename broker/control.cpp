@@ -74,7 +74,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", control.job);
     // What cannot be written yet waits in memory, and people may ask for much; but once a job may
     // be ended.
-    if (unstored_bytes_ > limits_.unstored_bytes_max && job->is_kept &&
+    if (unstored_.size() >= limits_.unstored_writes_max && job->is_kept &&
         control.deed != JobDeed::cancel)
         return refuse(peer, RefusalCode::limit_exceeded,
                       "this broker has too much that it cannot keep yet" +
@@ -179,8 +179,8 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
         workers_, control.what, [](auto& session) -> auto& { return session; });
     if (found.empty() && control.deed == WorkerDeed::undrain)
         return undrain_absent(peer, control.what);
-    if (const auto objection = objection_to_one_of(found.size(), control.what))
-        return send(peer, *objection);
+    if (!is_one(peer, found.size(), control.what))
+        return;
     const PeerId worker_peer = found.front()->first;
     WorkerSession& worker = found.front()->second;
     switch (control.deed) {
@@ -202,15 +202,14 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
     }
 }
 
-std::optional<Refused> Dispatcher::objection_to_one_of(std::size_t found, const std::string& what) {
-    if (found == 1)
-        return std::nullopt;
-    return found == 0
-               ? Refused{RefusalCode::no_such_worker, {}, "there is no worker '" + what + "'"}
-               : Refused{RefusalCode::invalid,
-                         {},
-                         "'" + what + "' fits " + std::to_string(found) +
-                             " workers: give more of the id"};
+/// Whether there is one, and no more; or else the peer is told.
+bool Dispatcher::is_one(const PeerId& peer, std::size_t found, const std::string& what) {
+    if (found == 0)
+        refuse(peer, RefusalCode::no_such_worker, "there is no worker '" + what + "'");
+    else if (found > 1)
+        refuse(peer, RefusalCode::invalid,
+               "'" + what + "' fits " + std::to_string(found) + " workers: give more of the id");
+    return found == 1;
 }
 
 void Dispatcher::undrain(WorkerSession& worker) {
@@ -225,8 +224,8 @@ void Dispatcher::undrain_absent(const PeerId& peer, const std::string& what) {
     const auto found = find_workers(
         absent_, what, [](auto& absent) -> auto& { return absent.session; });
     const bool is_name = !found.empty() && found.front()->second.session.hello.worker_name == what;
-    if (const auto objection = objection_to_one_of(is_name ? 1 : found.size(), what))
-        return send(peer, *objection);
+    if (!is_one(peer, is_name ? 1 : found.size(), what))
+        return;
     for (const auto& absent : found)
         undrain(absent->second.session);
     const WorkerSession& worker = found.front()->second.session;

@@ -85,6 +85,7 @@ private:
         std::uint64_t number = 0;            ///< counts the session's tiles, from 0
         std::uint64_t rays = 0;
         bool cancelled = false;
+        bool overtaken = false;     ///< one that came later has been traced: so it has begun
         bool fetches_scene = false; ///< it is the worker's first one of that scene
     };
     struct WorkerSession {
@@ -188,8 +189,7 @@ private:
     [[nodiscard]] std::optional<std::string> resume(Job& job);
     [[nodiscard]] std::optional<protocol::Refused> retry(Job& job);
     void control_worker(const PeerId& peer, const protocol::ControlWorker& control);
-    [[nodiscard]] static std::optional<protocol::Refused>
-    objection_to_one_of(std::size_t found, const std::string& what);
+    [[nodiscard]] bool is_one(const PeerId& peer, std::size_t found, const std::string& what);
     static void undrain(WorkerSession& worker);
     void undrain_absent(const PeerId& peer, const std::string& what);
     void count_machine_failure(const PeerId& peer, WorkerSession& worker);
@@ -283,6 +283,7 @@ private:
                    const WorkerSession& worker, const std::string& why);
     void cancel_grant(const PeerId& peer, const GrantKey& key);
     void cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted);
+    void note_overtaken(WorkerSession& worker, std::uint64_t number);
     void take_back_stuck_tiles();
     void end_jobs_whose_time_is_up();
 

@@ -13,6 +13,8 @@ using protocol::CellRect;
 
 namespace {
 
+constexpr std::uint32_t forgiven_max =
+    10; // times: what stops its process again and again is no accident
 constexpr std::uint64_t tile_overhead_bytes = 300; // a result's own fields and allocations
 
 std::uint32_t side_of(const protocol::SubmitJob& s) {
@@ -212,8 +214,11 @@ void Job::forgive(OpenTileId id, const WorkerId& worker) {
     if (found == open_.end())
         return;
     auto& failed_on = found->second.failed_on;
-    if (const auto failure = std::ranges::find(failed_on, worker); failure != failed_on.end())
-        failed_on.erase(failure);
+    const auto failure = std::ranges::find(failed_on, worker);
+    if (failure == failed_on.end() || found->second.forgiven == forgiven_max)
+        return;
+    failed_on.erase(failure);
+    ++found->second.forgiven;
 }
 
 bool Job::all_cells_done(const Tile& tile) const {

@@ -144,7 +144,7 @@ public:
     void requeue(OpenTileId id);
     /// Counts a failure of the tile, if it is still open, and returns how many it has had.
     std::uint32_t count_failure(OpenTileId id, const WorkerId& worker);
-    /// One of these was none.
+    /// One of these was none, if the tile is still whole; but not for ever.
     void forgive(OpenTileId id, const WorkerId& worker);
     /// Some tile of it has ever failed.
     [[nodiscard]] bool has_failures() const { return has_failures_; }
@@ -236,6 +236,7 @@ private:
         Owner owner{};
         std::optional<Assignment> assignment{};
         std::vector<WorkerId> failed_on{};
+        std::uint32_t forgiven = 0;
         bool was_assigned = false;
         OpenTileId whole{};      ///< it is a part of that one, which is open as well
         std::uint32_t parts = 0; ///< its parts that are open

@@ -22,6 +22,7 @@ struct Limits {
     std::size_t tombstones_max = 10'000;        ///< ids of forgotten jobs that are not used again
     /// Of what is on its way to the store; beyond, no tiles are handed out.
     std::uint64_t unstored_bytes_max = std::uint64_t{256} << 20;
+    std::size_t unstored_writes_max = 100'000; ///< likewise; beyond, people's wishes are refused
     std::uint64_t stored_bytes_max = std::uint64_t{8}
                                      << 30; ///< pixels, done and promised, of all jobs kept
     /// Of these, of the jobs of one client that are not over, so that one that asks for very much

@@ -166,6 +166,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         if (grant != worker.grants.end() && tile.rays > grant->second.rays) {
             grant->second.rays = tile.rays;
             grant->second.progress_at = now_;
+            note_overtaken(worker, grant->second.number);
         }
     }
     // What it has received and does not name any more, though its answer has not come, was lost.

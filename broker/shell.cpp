@@ -57,6 +57,8 @@ Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
     for (const StoredJob& job : contents->jobs) // of what is in it SQLite knows nothing
         if (const auto fault = fault_of(job))
             return damaged(store->file(), "job " + to_string(job.submission.job) + ": " + *fault);
+    if (std::ranges::adjacent_find(contents->jobs, {}, &StoredJob::number) != contents->jobs.end())
+        return damaged(store->file(), "two jobs with one number");
     Restored restored{std::move(*contents), {}};
     for (const StoredJob& job : restored.contents.jobs) {
         const ContentHash& scene = job.submission.scene;

@@ -14,6 +14,8 @@ using namespace protocol;
 
 namespace {
 
+constexpr Duration kept_time_max = std::chrono::hours(24 * 36'500);
+
 bool is_tag(const std::string& tag) {
     return !tag.empty() && tag.size() <= name_bytes_max;
 }
@@ -64,6 +66,10 @@ std::optional<std::string> fault_of(const StoredJob& job) {
     auto fault = fault_of(job.submission);
     if (!fault && (job.passes == 0 || job.passes > pass_count(job.submission.settings)))
         fault = std::to_string(job.passes) + " passes";
+    if (!fault && (job.number == 0 || job.reason.size() > string_bytes_max ||
+                   job.elapsed < Duration::zero() || job.elapsed > kept_time_max ||
+                   job.age > kept_time_max || job.over_for.value_or(Duration{}) > kept_time_max))
+        fault = "its number, its reason or its times";
     return fault;
 }
 

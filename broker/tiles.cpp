@@ -33,6 +33,7 @@ std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, Worke
     }
     Grant grant = found->second;
     worker.grants.erase(found);
+    note_overtaken(worker, grant.number);
     count_grant_of_order(key.job, false);
     if (grant.started_at) { // its thread goes on with the next one
         const auto next = std::ranges::min_element(worker.grants, {}, [](const auto& other) {
@@ -150,20 +151,24 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
         forget_scene(worker, job->submission().scene);
     if (!job || is_over(job->phase))
         return;
-    if (answer.code == FailureCode::scene && is_fault_of_scene(*job, worker))
-        return end_job(*job, JobPhase::failed, answer.reason, FailureCode::scene);
+    if (answer.code == FailureCode::scene) {
+        if ((grant->id == OpenTileId::none && is_order(*job)) || is_fault_of_scene(*job, worker))
+            return end_job(*job, JobPhase::failed, answer.reason, FailureCode::scene);
+        (void)take_back(key, *grant, true, worker, answer.reason);
+        return;
+    }
     // Who leaves has said so, by a credit of 0, before it hands back. Anybody else who cancels what
     // nobody asked it to would be given the same tile again, for ever: that is a failure.
     const bool at_its_own_wish =
         answer.code == FailureCode::cancelled && !grant->cancelled && worker.credit > 0;
-    const bool counts = answer.code != FailureCode::cancelled || at_its_own_wish;
+    const bool counts = answer.code == FailureCode::machine || at_its_own_wish;
     if (counts)
         count_machine_failure(peer, worker);
     (void)take_back(key, *grant, counts, worker, answer.reason);
 }
 
 /// When two workers find it, or the only one that may draw it: one alone may be broken, or of
-/// another version.
+/// another version. Until then nobody is to blame but the tile.
 bool Dispatcher::is_fault_of_scene(Job& job, const WorkerSession& worker) const {
     const WorkerId& finder = worker.hello.worker;
     if (!job.scene_fault_found_by)
@@ -231,8 +236,17 @@ void Dispatcher::cancel_grant(const PeerId& peer, const GrantKey& key) {
     send(peer, CancelTile{key.job, key.tile, key.attempt});
 }
 
-/// A tile waits its turn behind others of its worker: the lease of one that has not begun runs only
-/// while none of these moves, and ends without blame.
+/// Workers begin their tiles in the order in which these come.
+void Dispatcher::note_overtaken(WorkerSession& worker, std::uint64_t number) {
+    for (auto& [key, grant] : worker.grants)
+        if (grant.number < number && grant.rays == 0 && !grant.overtaken) {
+            grant.overtaken = true;
+            grant.progress_at = now_;
+        }
+}
+
+/// A tile waits its turn behind others of its worker: the lease of one that may not have begun runs
+/// only while none of these moves. How many are drawn at once is not known of a branch.
 void Dispatcher::take_back_stuck_tiles() {
     std::vector<std::pair<PeerId, GrantKey>> stuck;
     for (const auto& [peer, worker] : workers_) {
@@ -240,20 +254,20 @@ void Dispatcher::take_back_stuck_tiles() {
         for (const auto& [key, grant] : worker.grants)
             moved_at = std::max(moved_at, grant.progress_at);
         for (const auto& [key, grant] : worker.grants) {
-            const Instant since =
-                grant.started_at ? std::max(*grant.started_at, grant.progress_at) : moved_at;
-            if (!grant.cancelled && now_ - since > limits_.lease)
+            const bool has_begun = grant.rays > 0 || grant.overtaken;
+            if (!grant.cancelled &&
+                now_ - (has_begun ? grant.progress_at : moved_at) > limits_.lease)
                 stuck.emplace_back(peer, key);
         }
     }
     for (const auto& [peer, key] : stuck) {
         WorkerSession& worker = workers_.at(peer);
         const Grant grant = worker.grants.at(key);
+        const bool at_work = grant.rays > 0 || grant.overtaken || grant.started_at;
         cancel_grant(peer, key);
-        if (grant.started_at)
+        if (at_work)
             count_machine_failure(peer, worker);
-        (void)take_back(key, grant, grant.started_at.has_value(), worker,
-                        "it traced no ray within the lease");
+        (void)take_back(key, grant, at_work, worker, "it traced no ray within the lease");
     }
 }
 

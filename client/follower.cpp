@@ -19,6 +19,10 @@ constexpr Duration repair_max = 2s;  // without a sign of an answer
 constexpr Duration silence_max = 2s;
 constexpr Duration fruitless_pause = 250ms; // after a repair that should have brought a tile
 
+/// That nothing is left though cells are missing: somebody else's question was answered; or, in the
+/// end, the broker cannot read what it has stored.
+constexpr std::uint32_t odd_answers_max = 8;
+
 constexpr Duration elapsed_max = 24h * 36'500; // more can hardly be true
 
 constexpr std::uint64_t repair_bytes = std::uint64_t{16} << 20; // in one answer, about
@@ -259,7 +263,7 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     if (is_over(done.state.phase) != is_over(state_.phase))
         repair_wanted_ = now; // it was answered before the end, or before it was tried again
     else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
-             have_count_ >= done.state.done_count) // fewer: somebody else's question was answered
+             (have_count_ >= done.state.done_count || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more
     else if (!all_told || is_over(state_.phase))
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;

@@ -88,6 +88,7 @@ private:
 
     bool repair_pending_ = false;     ///< asked, and not answered
     bool repair_brought_any_ = false; ///< since it was asked
+    std::uint32_t odd_answers_ = 0;   ///< see odd_answers_max
     Instant repair_ends_ = Instant::never();
     Instant repair_wanted_ = Instant::never(); ///< when to ask next
 };

@@ -22,7 +22,6 @@ constexpr int backlog =
 constexpr int router_queue_max =
     10'000; // above any credit: ROUTER answers `full` only for peers that do not read
 constexpr std::uint64_t router_unsent_bytes_max = std::uint64_t{512} << 20; // of blobs, to a peer
-constexpr std::uint64_t router_unsent_bytes_of_all_max = std::uint64_t{1} << 30;
 constexpr int dealer_queue_max = 10'000;
 constexpr int stream_queue_max =
     2'000; // messages per watcher; beyond that they are dropped and repaired
@@ -160,7 +159,7 @@ std::optional<RoutedMessage> take_routed(zmq::socket_t& socket) {
 } // namespace
 
 RouterSocket::RouterSocket(std::unique_ptr<SocketImpl> impl)
-    : Socket(std::move(impl)), unsent_(router_unsent_bytes_max, router_unsent_bytes_of_all_max) {}
+    : Socket(std::move(impl)), unsent_(router_unsent_bytes_max) {}
 
 Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
     auto router = bind_router(context, endpoint);

@@ -12,21 +12,19 @@ std::optional<protocol::Packet> Unsent::lend(const std::string& peer,
     if (!mine)
         mine = std::make_shared<Count>(0);
     const std::uint64_t waiting = *mine;
-    if (waiting > 0 && (waiting + bytes > bytes_max_ || *all_ + bytes > bytes_of_all_max_))
+    if (waiting > 0 && waiting + bytes > bytes_max_)
         return std::nullopt;
     protocol::Packet lent{packet.header, packet.body, {}};
     for (const Blob& blob : packet.blobs)
-        lent.blobs.push_back(counted(blob, {mine, all_}));
+        lent.blobs.push_back(counted(blob, mine));
     forget_idle_peers();
     return lent;
 }
 
-Blob Unsent::counted(const Blob& blob, const Counts& counts) {
-    *counts.mine += blob.size();
-    *counts.all += blob.size();
-    const auto end = [counts](const Blob* lent) {
-        *counts.mine -= lent->size();
-        *counts.all -= lent->size();
+Blob Unsent::counted(const Blob& blob, const std::shared_ptr<Count>& count) {
+    *count += blob.size();
+    const auto end = [count](const Blob* lent) {
+        *count -= lent->size();
         delete lent;
     };
     return {std::shared_ptr<const Blob>(new Blob(blob), end), blob};

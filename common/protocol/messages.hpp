@@ -110,7 +110,7 @@ struct ValueCount<RefusalCode> {
 };
 
 enum class FailureCode : std::uint8_t {
-    scene,     ///< the scene's fault: every worker would fail
+    scene,     ///< the scene's fault, as far as this worker can tell: all would fail
     machine,   ///< this worker's fault: another one may do it
     cancelled, ///< nobody's fault: stopped on the broker's word, or handed back by a leaving worker
 };

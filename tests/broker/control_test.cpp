@@ -1,4 +1,5 @@
 // What people want of jobs and workers, and what becomes of workers that fail.
+#include "common/protocol/limits.hpp"
 #include "tests/broker/farm.hpp"
 
 namespace fraja::broker {
@@ -266,6 +267,11 @@ TEST_CASE("a worker is found by its name, its id or the beginning of that, if th
         farm.forget("admin");
         farm.say("admin", ControlWorker{row.what, WorkerDeed::drain});
         CHECK(farm.last<Refused>("admin").code == row.code);
+    }
+    for (const WorkerDeed deed : {WorkerDeed::drain, WorkerDeed::undrain}) { // a reason has room
+        farm.forget("admin");
+        farm.say("admin", ControlWorker{std::string(string_bytes_max, 'x'), deed});
+        CHECK(farm.last<Refused>("admin").code == RefusalCode::no_such_worker);
     }
 }
 

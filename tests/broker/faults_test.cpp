@@ -2,6 +2,8 @@
 #include "tests/support/messages.hpp"
 #include "tests/support/seeds.hpp"
 
+#include <deque>
+
 using namespace fraja;
 using namespace fraja::broker;
 using namespace fraja::protocol;
@@ -244,6 +246,19 @@ TEST_CASE("a worker that comes back was not killed by its tile") {
     CHECK(farm.state(job).phase == JobPhase::failed);
 }
 
+TEST_CASE("a tile for which its worker is lost again and again fails its job in the end") {
+    Farm farm;
+    const JobId job = farm.submit(1, 1);
+    int lost = 0;
+    for (; lost < 100 && !is_over(farm.state(job).phase); ++lost) {
+        const PeerId peer = "connection" + std::to_string(lost);
+        farm.worker_arrives(peer, 1, 1, 1);
+        farm.event(PeerUnreachable{peer});
+    }
+    CHECK(lost > 10);
+    CHECK(lost < 20);
+}
+
 TEST_CASE("a broker that stood still takes nobody for silent before it has listened") {
     Farm farm;
     farm.worker_arrives("w", 1, 1, 1);
@@ -319,21 +334,44 @@ TEST_CASE("a tile that is stuck beside others that move is given to another, and
     const JobId job = farm.submit(1, 3);
     farm.worker_arrives("w", 1, 2, 3);
     const auto tiles = farm.tiles("w");
-    REQUIRE(tiles.size() == 3); // the third waits
+    REQUIRE(tiles.size() == 3);
+    farm.render("w", tiles[0]); // and the third begins
     farm.worker_arrives("fresh", 2, 1, 1);
     std::uint64_t rays = 0;
     for (Duration t{}; t < 61s; t += 900ms) {
         farm.pass(900ms);
         farm.beat_with("w", 3,
-                       {{job, tiles[0].tile, tiles[0].attempt, ++rays},
-                        {job, tiles[1].tile, tiles[1].attempt, 0},
-                        {job, tiles[2].tile, tiles[2].attempt, 0}});
+                       {{job, tiles[1].tile, tiles[1].attempt, 0},
+                        {job, tiles[2].tile, tiles[2].attempt, ++rays}});
         farm.beat("fresh", 1, farm.all<RenderTile>("fresh"));
     }
     const auto cancelled = farm.all<CancelTile>("w");
     REQUIRE(cancelled.size() == 1);
     CHECK(cancelled[0].tile == tiles[1].tile);
     CHECK(farm.tiles("fresh").at(0).rect == tiles[1].rect);
+}
+
+TEST_CASE("a worker that draws fewer tiles at once than it says is not stuck") {
+    Farm farm(Limits{.attempts_max = 1});
+    const JobId job = farm.submit(1, 20);
+    farm.worker_arrives("branch", 1, 8, 16); // which has one thread
+    std::deque<RenderTile> waiting;
+    for (int seconds = 0; seconds < 450 && !is_over(farm.state(job).phase); ++seconds) {
+        farm.pass(1s);
+        if (seconds % 20 == 19) { // each takes so long
+            farm.render("branch", waiting.front());
+            waiting.pop_front();
+        }
+        for (const RenderTile& tile : farm.tiles("branch"))
+            waiting.push_back(tile);
+        std::vector<TileInFlight> in_flight;
+        for (const RenderTile& tile : waiting)
+            in_flight.push_back({tile.job, tile.tile, tile.attempt,
+                                 in_flight.empty() ? std::uint64_t(1 + seconds % 20) : 0});
+        farm.beat_with("branch", 16, in_flight);
+    }
+    CHECK(farm.state(job).phase == JobPhase::done);
+    CHECK(farm.dispatcher.counters().tiles_requeued == 0);
 }
 
 TEST_CASE("tiles that wait behind one that is stuck are given to others without blame") {

@@ -186,6 +186,21 @@ TEST_CASE("an answer to what an earlier follower asked does not end this one") {
     CHECK(f.follower.is_complete());
 }
 
+TEST_CASE("tiles that a broker has and cannot send are not waited for for ever") {
+    Following f;
+    f.job.phase = protocol::JobPhase::cancelled;
+    f.job.done_count = 2;
+    f.step(FromStream{f.job});
+    int asked = 0;
+    for (; asked < 100 && !f.follower.is_complete(); ++asked) {
+        f.now = f.now + 1s;
+        f.step(Tick{});
+        f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+    }
+    CHECK(asked > 4);
+    CHECK(asked < 20);
+}
+
 TEST_CASE("a state by the session is no digest: its tiles may still be on their way") {
     Following f;
     f.job.done_count = 3;

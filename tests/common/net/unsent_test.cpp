@@ -19,8 +19,8 @@ protocol::Packet packet_of(std::size_t blob_bytes) {
 
 } // namespace
 
-TEST_CASE("bytes wait for a peer up to a limit, and for all together up to another") {
-    Unsent unsent(1'000, 2'500);
+TEST_CASE("bytes wait for a peer up to a limit, and one message of any size") {
+    Unsent unsent(1'000);
     std::vector<protocol::Packet> waiting;
     const auto lend = [&](const std::string& peer, std::size_t bytes) {
         auto lent = unsent.lend(peer, packet_of(bytes));
@@ -31,19 +31,17 @@ TEST_CASE("bytes wait for a peer up to a limit, and for all together up to anoth
     CHECK(lend("a", 600));
     CHECK(lend("a", 400));
     CHECK_FALSE(lend("a", 1));
-    CHECK(lend("b", 1'000));
-    CHECK(lend("c", 400));
-    CHECK_FALSE(lend("c", 400)); // all together
-    CHECK(lend("d", 2'000));     // nothing waits for that one
+    CHECK(lend("b", 2'000));
+    CHECK_FALSE(lend("b", 1));
     waiting.erase(waiting.begin());
-    CHECK_FALSE(lend("a", 600)); // it has room again, but all together have none
-    waiting.clear();
     CHECK(lend("a", 600));
-    CHECK(waiting.front().blobs == packet_of(600).blobs);
+    CHECK(waiting.back().blobs == packet_of(600).blobs);
+    waiting.clear();
+    CHECK(lend("b", 1));
 }
 
 TEST_CASE("peers for whom nothing waits are forgotten, the others are not") {
-    Unsent unsent(100, 1'000'000);
+    Unsent unsent(100);
     const auto waits = unsent.lend("slow", packet_of(100));
     for (int i = 0; i < 10'000; ++i)
         CHECK(unsent.lend(std::to_string(i), packet_of(100)).has_value());
