@@ -49,7 +49,6 @@ void BlobStore::release(const ContentHash& hash) {
 void BlobStore::restore(const ContentHash& hash, const Blob& bytes) {
     Entry& entry = entries_.at(hash);
     FRAJA_ASSERT(bytes.size() == entry.total_bytes);
-    entry.chunks.clear();
     entry.chunks = cut(bytes, protocol::chunk_bytes);
     entry.arrived_bytes = entry.total_bytes;
     entry.complete = true;

@@ -87,6 +87,8 @@ private:
         bool cancelled = false;
         bool overtaken = false;     ///< one that came later has been traced: so it has begun
         bool fetches_scene = false; ///< it is the worker's first one of that scene
+
+        [[nodiscard]] bool has_begun() const { return rays > 0 || overtaken; }
     };
     struct WorkerSession {
         protocol::WorkerHello hello;

@@ -159,6 +159,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         set_credit(peer, worker, credit);
 
     std::set<GrantKey> listed;
+    std::uint64_t last_moved = 0;
     for (const TileInFlight& tile : beat.in_flight) {
         const GrantKey key{tile.job, tile.tile, tile.attempt};
         listed.insert(key);
@@ -166,9 +167,10 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         if (grant != worker.grants.end() && tile.rays > grant->second.rays) {
             grant->second.rays = tile.rays;
             grant->second.progress_at = now_;
-            note_overtaken(worker, grant->second.number);
+            last_moved = std::max(last_moved, grant->second.number);
         }
     }
+    note_overtaken(worker, last_moved);
     // What it has received and does not name any more, though its answer has not come, was lost.
     std::vector<GrantKey> lost;
     for (const auto& [key, grant] : worker.grants)

@@ -239,7 +239,7 @@ void Dispatcher::cancel_grant(const PeerId& peer, const GrantKey& key) {
 /// Workers begin their tiles in the order in which these come.
 void Dispatcher::note_overtaken(WorkerSession& worker, std::uint64_t number) {
     for (auto& [key, grant] : worker.grants)
-        if (grant.number < number && grant.rays == 0 && !grant.overtaken) {
+        if (grant.number < number && !grant.has_begun()) {
             grant.overtaken = true;
             grant.progress_at = now_;
         }
@@ -254,16 +254,15 @@ void Dispatcher::take_back_stuck_tiles() {
         for (const auto& [key, grant] : worker.grants)
             moved_at = std::max(moved_at, grant.progress_at);
         for (const auto& [key, grant] : worker.grants) {
-            const bool has_begun = grant.rays > 0 || grant.overtaken;
             if (!grant.cancelled &&
-                now_ - (has_begun ? grant.progress_at : moved_at) > limits_.lease)
+                now_ - (grant.has_begun() ? grant.progress_at : moved_at) > limits_.lease)
                 stuck.emplace_back(peer, key);
         }
     }
     for (const auto& [peer, key] : stuck) {
         WorkerSession& worker = workers_.at(peer);
         const Grant grant = worker.grants.at(key);
-        const bool at_work = grant.rays > 0 || grant.overtaken || grant.started_at;
+        const bool at_work = grant.has_begun() || grant.started_at;
         cancel_grant(peer, key);
         if (at_work)
             count_machine_failure(peer, worker);

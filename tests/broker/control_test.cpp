@@ -234,8 +234,7 @@ TEST_CASE("what was dealt out to a worker that is drained goes to the others") {
     const auto last = farm.tiles("b");
     CHECK(control(farm, "b", WorkerDeed::drain).draining);
     farm.render("b", last.at(0));
-    for (auto tiles = farm.tiles("a"); !tiles.empty(); tiles = farm.tiles("a"))
-        farm.render("a", tiles.front());
+    farm.render_all("a");
     CHECK(farm.state(job).phase == JobPhase::done);
 }
 

@@ -560,8 +560,7 @@ TEST_CASE("the share of a worker that is lost goes to the others") {
     const JobId job = farm.submit("client", s);
     REQUIRE(farm.tiles("b").size() == 1);
     farm.event(PeerUnreachable{"b"});
-    for (auto tiles = farm.tiles("a"); !tiles.empty(); tiles = farm.tiles("a"))
-        farm.render("a", tiles.front());
+    farm.render_all("a");
     CHECK(farm.state(job).phase == JobPhase::done);
 }
 

@@ -104,6 +104,11 @@ public:
                 .blobs = {Blob(Bytes(tile.rect.pixel_count() * tile.settings.pixel_bytes()))}};
     }
     void render(const PeerId& peer, const protocol::RenderTile& tile) { say(peer, answer(tile)); }
+    /// Whatever it is sent, until it is sent nothing.
+    void render_all(const PeerId& peer) {
+        for (auto given = tiles(peer); !given.empty(); given = tiles(peer))
+            render(peer, given.front());
+    }
     void fail(const PeerId& peer, const protocol::RenderTile& tile, protocol::FailureCode code) {
         say(peer, protocol::TileFailed{tile.job, tile.tile, tile.attempt, code, "no luck"});
     }
