@@ -70,10 +70,10 @@ private:
                                       news.state.number, fraja::to_string(news.state.job),
                                       broker_));
         job_ = news.state;
-        if (!options_.detach && !picture_)
-            picture_.emplace(news.state.settings);
-        if (!options_.detach)
-            progress_.update(news.state);
+        if (options_.detach)
+            return;
+        picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
+        progress_.update(news.state);
     }
     void take(Instant, const TileArrived& news) {
         picture_->place(news.tile, news.cell_count);

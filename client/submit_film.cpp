@@ -66,8 +66,7 @@ public:
 
 private:
     void take(const Accepted& news) {
-        if (!picture_)
-            picture_.emplace(news.state.settings);
+        picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
         note(news.state);
     }
     void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }

@@ -108,6 +108,7 @@ public:
 private:
     void do_something();
     void look_around();
+    void check_that_broker_runs(const std::optional<int>& ended);
     void kill_broker();
     void submit();
     void start_worker();
@@ -275,10 +276,14 @@ void Chaos::rage() {
         // Meanwhile everybody is listened to.
         const auto ended =
             farm_.broker().wait_for_exit(std::chrono::milliseconds(10 + rng_.below(150)));
-        INFO(farm_.broker().story());
-        REQUIRE(!ended.has_value());
+        check_that_broker_runs(ended);
         look_around();
     }
+}
+
+void Chaos::check_that_broker_runs(const std::optional<int>& ended) {
+    INFO(farm_.broker().story());
+    REQUIRE(!ended.has_value());
 }
 
 // ---------------------------------------------------------------------------------- what must hold
@@ -292,8 +297,8 @@ bool Chaos::go_on(Errand& errand) {
     const auto exit = errand.client.wait_for_exit(0s);
     if (!exit)
         return false;
-    INFO(errand.client.story());
     INFO(farm_.broker().story());
+    INFO(errand.client.story()); // last, where even a log that is cut short has it
     REQUIRE(exit == 0);
     const Words patient = {"--connect-timeout", "2m"};
     switch (errand.stage) {
@@ -322,8 +327,8 @@ bool Chaos::is_gone(Watcher& watcher) {
     const auto exit = watcher.process.wait_for_exit(0s);
     if (!exit)
         return false;
-    INFO(watcher.process.story());
     INFO(farm_.broker().story());
+    INFO(watcher.process.story());
     const bool expected = exit == 0 || exit == no_such_job || watcher.told_to_go;
     REQUIRE(expected);
     if (exit == 0 && watcher.file.empty())
@@ -359,8 +364,8 @@ void Chaos::heal() {
     }
     healing_ = Clock::now() - begin;
     for (const Errand& errand : errands_) {
-        INFO(errand.client.story());
         INFO(farm_.broker().story());
+        INFO(errand.client.story());
         CHECK_MESSAGE(false, errand.name << " is not done");
     }
     for (const Watcher& watcher : watchers_) {

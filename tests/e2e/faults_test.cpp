@@ -200,3 +200,33 @@ TEST_CASE("a worker finds its broker again") {
     REQUIRE(here.has_value());
     CHECK(farm.submit({scene("cone"), "-r", "20x15", "-o", scratch.file("c.png")}).exit == 0);
 }
+
+// Passes that were complete come again: they belong to a new picture.
+TEST_CASE("a picture of passes whose job the broker has lost begins anew") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one");
+    Process client = farm.start_submit({scene("cone"), "-r", "8x6", "--tile", "8", "--time-limit",
+                                        "10m", "--max-samples", "65536", "--name", "passes", "-o",
+                                        scratch.file("passes.exr")});
+    const auto accepted = client.wait_for_line(
+        Process::Stream::err,
+        [](std::string_view l) { return l.find(": job ") != std::string_view::npos; }, patience);
+    REQUIRE(accepted.has_value());
+    constexpr int some_passes = 4; // of one tile each
+    Process before = farm.watch_from_the_start("passes", {"--json"});
+    wait_for_tiles(before, some_passes);
+    farm.broker().send(SIGKILL);
+    CHECK(farm.broker().wait_for_exit(patience) == -SIGKILL);
+    farm.start_broker_again();
+    const auto again = client.wait_for_line(
+        Process::Stream::err,
+        [](std::string_view l) { return l.find("submitted again") != std::string_view::npos; },
+        patience);
+    INFO(client.story());
+    REQUIRE(again.has_value());
+    Process after = farm.watch_from_the_start("passes", {"--json"});
+    wait_for_tiles(after, some_passes);
+    client.send(SIGTERM);
+    CHECK(client.wait_for_exit(patience) == 128 + SIGTERM);
+}
