@@ -1,6 +1,7 @@
 #include "common/net/frames.hpp"
 
 #include "common/protocol/limits.hpp"
+#include "common/protocol/packing.hpp"
 
 #include <cerrno>
 #include <memory>
@@ -33,17 +34,17 @@ void takes([[maybe_unused]] void* data) {
 #endif
 }
 
-std::span<const std::byte> bytes_of(const zmq::message_t& frame) {
-    return {static_cast<const std::byte*>(frame.data()), frame.size()};
+std::span<const std::byte> bytes_of(const zmq::message_t& part) {
+    return {static_cast<const std::byte*>(part.data()), part.size()};
 }
 
 } // namespace
 
-bool take(zmq::socket_t& socket, zmq::message_t& frame) {
+bool take(zmq::socket_t& socket, zmq::message_t& part) {
     try {
-        if (!socket.recv(frame, zmq::recv_flags::dontwait))
+        if (!socket.recv(part, zmq::recv_flags::dontwait))
             return false;
-        takes(frame.data());
+        takes(part.data());
         return true;
     } catch (const zmq::error_t& e) {
         if (e.num() == EINTR)
@@ -52,35 +53,47 @@ bool take(zmq::socket_t& socket, zmq::message_t& frame) {
     }
 }
 
-Blob blob_of(zmq::message_t frame) {
-    if (frame.size() <= receive_buffer_bytes)
-        return Blob::copy(bytes_of(frame));
-    const auto owner = std::make_shared<const zmq::message_t>(std::move(frame));
+zmq::message_t take_next(zmq::socket_t& socket) {
+    zmq::message_t part;
+    while (!take(socket, part)) // a signal may interrupt
+        continue;
+    return part;
+}
+
+Blob blob_of(zmq::message_t part) {
+    if (part.size() <= receive_buffer_bytes)
+        return Blob::copy(bytes_of(part));
+    const auto owner = std::make_shared<const zmq::message_t>(std::move(part));
     return {owner, bytes_of(*owner)};
 }
 
-// libzmq bounds the size of a frame, not their number: what is beyond the limit is taken and
-// dropped one by one.
+Frames take_frames(zmq::socket_t& socket, zmq::message_t first) {
+    const bool more = first.more();
+    Blob packed = blob_of(std::move(first));
+    if (!more)
+        return protocol::unpack(packed);
+    (void)take_rest(socket, more);
+    return {std::move(packed)};
+}
+
+// libzmq bounds the size of a part, not their number: what is beyond the limit is taken and dropped
+// one by one.
 Frames take_rest(zmq::socket_t& socket, bool more) {
     Frames frames;
-    frames.reserve(3); // header, body, and most often one blob
     while (more) {
-        zmq::message_t frame;
-        if (!take(socket,
-                  frame)) // the parts of a message arrive together, but a signal may interrupt
-            continue;
-        more = frame.more();
+        zmq::message_t part = take_next(socket);
+        more = part.more();
         if (frames.size() <= protocol::message_frames_max)
-            frames.push_back(blob_of(std::move(frame)));
+            frames.push_back(blob_of(std::move(part)));
     }
     return frames;
 }
 
 namespace {
 
-/// `make()` is the frame, and is called again if a signal interrupts.
+/// `make()` is the part, and is called again if a signal interrupts.
 template <class Make>
-SendStatus send_frame(zmq::socket_t& socket, Make make, bool more) {
+SendStatus send_part(zmq::socket_t& socket, Make make, bool more) {
     const auto flags =
         zmq::send_flags::dontwait | (more ? zmq::send_flags::sndmore : zmq::send_flags::none);
     for (;;) {
@@ -98,7 +111,7 @@ SendStatus send_frame(zmq::socket_t& socket, Make make, bool more) {
 }
 
 SendStatus send_copy(zmq::socket_t& socket, const void* data, std::size_t size, bool more) {
-    return send_frame(
+    return send_part(
         socket, [&] { return zmq::message_t(data, size); }, more);
 }
 
@@ -112,7 +125,7 @@ void let_go(void*, void* kept) {
 SendStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
     if (blob.size() < shared_bytes_min)
         return send_copy(socket, blob.data(), blob.size(), more);
-    return send_frame(
+    return send_part(
         socket,
         [&] {
             auto kept = std::make_unique<Blob>(blob);
@@ -128,31 +141,55 @@ SendStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
 
 } // namespace
 
-// Only the first frame of a message can be refused; the rest then follows
-// it. (After a refused routing id a body sent alone would be swallowed in silence: hence the early
-// return.)
-SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> envelope,
+namespace {
+
+/// What follows an envelope goes with it, or the connection has just ended. (After a refused
+/// routing id a message sent alone would be swallowed in silence: hence the early returns below.)
+SendStatus behind_envelope(SendStatus status) {
+    return status == SendStatus::sent ? status : SendStatus::unreachable;
+}
+
+SendStatus send_envelope(zmq::socket_t& socket, std::string_view envelope) {
+    return send_copy(socket, envelope.data(), envelope.size(), true);
+}
+
+SendStatus send_all(zmq::socket_t& socket, const protocol::Packet& packet) {
+    return send_part(
+        socket,
+        [&] {
+            zmq::message_t part(protocol::packed_size(packet));
+            protocol::pack(packet, {static_cast<std::byte*>(part.data()), part.size()});
+            return part;
+        },
+        false);
+}
+
+} // namespace
+
+SendStatus send_packet(zmq::socket_t& socket, std::optional<std::string_view> peer,
                        const protocol::Packet& packet) {
-    if (envelope) {
-        const auto first = send_copy(socket, envelope->data(), envelope->size(), true);
-        if (first != SendStatus::sent)
-            return first;
-    }
-    const auto first = send_copy(socket, packet.header.data(), packet.header.size(), true);
-    if (first != SendStatus::sent)
-        return first;
-    bool whole = send_copy(socket, packet.body.data(), packet.body.size(), !packet.blobs.empty()) ==
-                 SendStatus::sent;
+    if (!peer)
+        return send_all(socket, packet);
+    const auto first = send_envelope(socket, *peer);
+    return first == SendStatus::sent ? behind_envelope(send_all(socket, packet)) : first;
+}
+
+SendStatus send_packed(zmq::socket_t& socket, std::string_view peer, const Blob& packed) {
+    const auto first = send_envelope(socket, peer);
+    return first == SendStatus::sent ? behind_envelope(send_blob(socket, packed, false)) : first;
+}
+
+void publish_packet(zmq::socket_t& socket, std::string_view topic, const protocol::Packet& packet) {
+    if (send_envelope(socket, topic) != SendStatus::sent)
+        return;
+    (void)send_copy(socket, packet.header.data(), packet.header.size(), true);
+    (void)send_copy(socket, packet.body.data(), packet.body.size(), !packet.blobs.empty());
     for (std::size_t i = 0; i < packet.blobs.size(); ++i)
-        whole =
-            send_blob(socket, packet.blobs[i], i + 1 < packet.blobs.size()) == SendStatus::sent &&
-            whole;
-    // A connection that ends between two frames of a message takes the whole message with it.
-    return whole ? SendStatus::sent : SendStatus::unreachable;
+        (void)send_blob(socket, packet.blobs[i], i + 1 < packet.blobs.size());
 }
 
 SendStatus send_probe(zmq::socket_t& socket, std::string_view peer) {
-    const auto status = send_copy(socket, peer.data(), peer.size(), true);
+    const auto status = send_envelope(socket, peer);
     if (status == SendStatus::sent)
         (void)send_copy(socket, nullptr, 0, false);
     return status;

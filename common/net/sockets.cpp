@@ -1,7 +1,7 @@
 #include "common/net/sockets.hpp"
 
 #include "common/net/frames.hpp"
-#include "common/protocol/limits.hpp"
+#include "common/protocol/packing.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -31,7 +31,7 @@ constexpr std::size_t topic_bytes_mean_max = 64;
 constexpr std::size_t callers_max = 1'000; // that wait for their turn
 constexpr int unheard_max = 256; // messages that are nobody's turn, before others have theirs
 constexpr auto handshake_max = 3s;
-constexpr auto transport_beat = 2s;         // of whoever connects
+constexpr auto transport_beat = 2s;         // of whoever connects for a session
 constexpr auto transport_silence_max = 30s; // generous: beats also pause during a large transfer
 constexpr int keepalive_idle_s = 10, keepalive_interval_s = 5, keepalive_probes = 4;
 constexpr auto reconnect_min = 100ms;
@@ -43,7 +43,7 @@ int milliseconds(std::chrono::milliseconds d) {
 
 void set_common_options(zmq::socket_t& socket) {
     socket.set(zmq::sockopt::linger, 0);
-    socket.set(zmq::sockopt::maxmsgsize, static_cast<int64_t>(protocol::frame_bytes_max));
+    socket.set(zmq::sockopt::maxmsgsize, static_cast<int64_t>(protocol::packed_bytes_max));
     socket.set(zmq::sockopt::handshake_ivl, milliseconds(handshake_max));
     socket.set(zmq::sockopt::tcp_keepalive, 1);
     socket.set(zmq::sockopt::tcp_keepalive_idle, keepalive_idle_s);
@@ -55,10 +55,15 @@ void set_common_options(zmq::socket_t& socket) {
 }
 
 /// Whoever binds sends no beats: libzmq looks through all timers of all connections for the one
-/// that an answer stops. The kernel's probes find dead connections as well.
-void set_options_to_connect(zmq::socket_t& socket) {
+/// that an answer stops. Nor does a subscriber: while its queue is full nothing is heard, libzmq
+/// 4.3.4 connects again, and aborts when there is room. The kernel's probes find dead connections
+/// as well.
+void set_transport_beats(zmq::socket_t& socket) {
     socket.set(zmq::sockopt::heartbeat_ivl, milliseconds(transport_beat));
     socket.set(zmq::sockopt::heartbeat_timeout, milliseconds(transport_silence_max));
+}
+
+void set_options_to_connect(zmq::socket_t& socket) {
     socket.set(zmq::sockopt::reconnect_ivl, milliseconds(reconnect_min));
     socket.set(zmq::sockopt::reconnect_ivl_max, milliseconds(reconnect_max));
 }
@@ -153,7 +158,7 @@ std::optional<RoutedMessage> take_routed(zmq::socket_t& socket) {
     zmq::message_t id;
     if (!take(socket, id))
         return std::nullopt;
-    return RoutedMessage{id.to_string(), take_rest(socket, id.more())};
+    return RoutedMessage{id.to_string(), take_frames(socket, take_next(socket))};
 }
 
 } // namespace
@@ -180,8 +185,10 @@ std::optional<RoutedMessage> RouterSocket::receive() {
 SendStatus RouterSocket::send(const PeerId& peer, const protocol::Packet& packet) {
     if (packet.blobs.empty())
         return send_packet(impl_->socket, peer, packet);
-    const auto lent = unsent_.lend(peer, packet);
-    return lent ? send_packet(impl_->socket, peer, *lent) : SendStatus::full;
+    Bytes packed(protocol::packed_size(packet));
+    protocol::pack(packet, packed);
+    const auto lent = unsent_.lend(peer, Blob(std::move(packed)));
+    return lent ? send_packed(impl_->socket, peer, *lent) : SendStatus::full;
 }
 
 Result<void> RouterSocket::call(const std::string& endpoint) {
@@ -190,6 +197,7 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
         socket.set(zmq::sockopt::ipv6, true);
         socket.set(zmq::sockopt::probe_router, true);
         socket.set(zmq::sockopt::immediate, true); // a probe for each connection, not for the first
+        set_transport_beats(socket);
         set_options_to_connect(socket);
         socket.connect(endpoint);
         calls_ = true;
@@ -280,7 +288,8 @@ Result<DealerSocket> DealerSocket::connect(const Context& context, const std::st
         DealerSocket dealer(open(context, zmq::socket_type::dealer));
         dealer.impl_->socket.set(zmq::sockopt::immediate, true); // queue for connections that stand
         dealer.impl_->socket.set(zmq::sockopt::sndhwm, dealer_queue_max);
-        dealer.impl_->socket.set(zmq::sockopt::rcvhwm, dealer_queue_max);
+        dealer.impl_->socket.set(zmq::sockopt::rcvhwm, 0); // what comes was asked for
+        set_transport_beats(dealer.impl_->socket);
         set_options_to_connect(dealer.impl_->socket);
         dealer.impl_->socket.connect(endpoint);
         return dealer;
@@ -296,11 +305,7 @@ std::optional<Frames> DealerSocket::receive() {
     // A broker that calls workers greets whoever connects to it in the same way, once.
     if (first.size() == 0 && !first.more() && !take(impl_->socket, first))
         return std::nullopt;
-    const bool more = first.more();
-    Frames frames{blob_of(std::move(first))};
-    for (Blob& frame : take_rest(impl_->socket, more))
-        frames.push_back(std::move(frame));
-    return frames;
+    return take_frames(impl_->socket, std::move(first));
 }
 
 SendStatus DealerSocket::send(const protocol::Packet& packet) {
@@ -404,7 +409,7 @@ bool PublisherSocket::is_bound_again() {
 }
 
 void PublisherSocket::publish(std::string_view topic, const protocol::Packet& packet) {
-    (void)send_packet(impl_->socket, topic, packet);
+    publish_packet(impl_->socket, topic, packet);
 }
 
 Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,

@@ -5,29 +5,26 @@
 
 namespace fraja::net {
 
-std::optional<protocol::Packet> Unsent::lend(const std::string& peer,
-                                             const protocol::Packet& packet) {
-    const std::uint64_t bytes = byte_count(packet.blobs);
+std::optional<Blob> Unsent::lend(const std::string& peer, Blob packed) {
     std::shared_ptr<Count>& mine = peers_[peer];
     if (!mine)
         mine = std::make_shared<Count>(0);
     const std::uint64_t waiting = *mine;
-    if (waiting > 0 && waiting + bytes > bytes_max_)
+    if (waiting > 0 && waiting + packed.size() > bytes_max_)
         return std::nullopt;
-    protocol::Packet lent{packet.header, packet.body, {}};
-    for (const Blob& blob : packet.blobs)
-        lent.blobs.push_back(counted(blob, mine));
+    Blob lent = counted(std::move(packed), mine);
     forget_idle_peers();
     return lent;
 }
 
-Blob Unsent::counted(const Blob& blob, const std::shared_ptr<Count>& count) {
+Blob Unsent::counted(Blob blob, const std::shared_ptr<Count>& count) {
     *count += blob.size();
     const auto end = [count](const Blob* lent) {
         *count -= lent->size();
         delete lent;
     };
-    return {std::shared_ptr<const Blob>(new Blob(blob), end), blob};
+    const std::shared_ptr<const Blob> owner(new Blob(std::move(blob)), end);
+    return {owner, *owner};
 }
 
 void Unsent::forget_idle_peers() {

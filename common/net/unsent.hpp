@@ -1,7 +1,7 @@
 // Unsent: how many bytes wait for peers that do not take them.
 #pragma once
 
-#include "common/protocol/codec.hpp"
+#include "common/base/bytes.hpp"
 
 #include <atomic>
 #include <cstdint>
@@ -12,20 +12,19 @@
 
 namespace fraja::net {
 
-/// libzmq bounds the messages that wait for a peer, whatever is in them. Of blobs their bytes are
-/// counted here, from when they are lent to it until it lets go of them.
+/// libzmq bounds the messages that wait for a peer, whatever is in them. The bytes of those that
+/// have blobs are counted here, from when they are lent to it until it lets go of them.
 class Unsent {
 public:
     explicit Unsent(std::uint64_t bytes_max) : bytes_max_(bytes_max) {}
 
-    /// The packet with blobs that are counted as long as there is a copy of them. Nothing: too many
-    /// bytes wait for that peer already.
-    [[nodiscard]] std::optional<protocol::Packet> lend(const std::string& peer,
-                                                       const protocol::Packet& packet);
+    /// The bytes, counted as long as there is a copy of what is returned. Nothing: too many wait
+    /// for that peer already.
+    [[nodiscard]] std::optional<Blob> lend(const std::string& peer, Blob packed);
 
 private:
     using Count = std::atomic<std::uint64_t>; // libzmq lets go in threads of its own
-    [[nodiscard]] static Blob counted(const Blob& blob, const std::shared_ptr<Count>& count);
+    [[nodiscard]] static Blob counted(Blob blob, const std::shared_ptr<Count>& count);
     void forget_idle_peers();
 
     std::uint64_t bytes_max_;

@@ -292,14 +292,8 @@ Packet encode(const Message& message) {
 }
 
 Result<Message> decode(std::span<const Blob> frames) {
-    if (frames.size() < 2)
-        return malformed("message", "fewer than two frames");
-    if (frames.size() > message_frames_max)
-        return malformed("message", "more than " + std::to_string(message_frames_max) + " frames");
-    for (const Blob& frame : frames)
-        if (frame.size() > frame_bytes_max)
-            return malformed("message",
-                             "a frame of more than " + std::to_string(frame_bytes_max) + " bytes");
+    if (frames.empty())
+        return malformed("message", "no frame");
     const Blob& header = frames[0];
     if (header.size() < header_bytes || std::memcmp(header.data(), magic, sizeof magic) != 0)
         return malformed("header", "no Fraja header");
@@ -310,6 +304,14 @@ Result<Message> decode(std::span<const Blob> frames) {
                          ", this is version " + std::to_string(version)};
     if (header.size() != header_bytes)
         return malformed("header", "a wrong length");
+    if (frames.size() < 2)
+        return malformed("message", "fewer than two frames");
+    if (frames.size() > message_frames_max)
+        return malformed("message", "more than " + std::to_string(message_frames_max) + " frames");
+    for (const Blob& frame : frames)
+        if (frame.size() > frame_bytes_max)
+            return malformed("message",
+                             "a frame of more than " + std::to_string(frame_bytes_max) + " bytes");
     return decode_type(little_endian(header.data() + 6), frames,
                        std::make_index_sequence<std::variant_size_v<Message>>());
 }

@@ -9,7 +9,7 @@
 
 namespace fraja::protocol {
 
-inline constexpr std::size_t frame_bytes_max = std::size_t{1} << 20; ///< any one frame
+inline constexpr std::size_t frame_bytes_max = std::size_t{1} << 20; ///< header, body or blob
 inline constexpr std::size_t message_frames_max = 64; ///< header, body and blobs together
 inline constexpr std::size_t string_bytes_max = 4096; ///< any string of a message
 inline constexpr std::size_t name_bytes_max = 200;    ///< names of jobs and workers

@@ -2,7 +2,7 @@
 #include "common/base/rng.hpp"
 #include "common/net/sockets.hpp"
 #include "common/protocol/codec.hpp"
-#include "common/protocol/limits.hpp"
+#include "common/protocol/packing.hpp"
 #include "common/protocol/topics.hpp"
 #include "tests/e2e/farm.hpp"
 #include "tests/support/messages.hpp"
@@ -89,7 +89,7 @@ TEST_CASE("rubbish from strangers harms neither the broker nor its jobs") {
         CHECK(resident_mib(farm.broker().pid()) - before < 100);
 }
 
-TEST_CASE("a frame beyond the limit ends its connection and nothing else") {
+TEST_CASE("a message beyond the limit ends its connection and nothing else") {
     Farm farm;
     farm.add_worker("one");
     const net::Context context;
@@ -109,7 +109,7 @@ TEST_CASE("a frame beyond the limit ends its connection and nothing else") {
     };
     CHECK(std::holds_alternative<protocol::Welcome>(ask(protocol::ClientHello{"test", "0"})));
     protocol::Packet packet = protocol::encode(protocol::Beat{});
-    packet.blobs.assign(1, Blob(Bytes(protocol::frame_bytes_max + 1)));
+    packet.blobs.assign(1, Blob(Bytes(protocol::packed_bytes_max)));
     say(*socket, packet);
     // ZeroMQ connects again, and the broker sees a stranger.
     protocol::Message answer;

@@ -7,6 +7,7 @@
 #include "common/net/endpoint.hpp"
 #include "common/protocol/bitmap.hpp"
 #include "common/protocol/codec.hpp"
+#include "common/protocol/packing.hpp"
 #include "common/protocol/passes.hpp"
 #include "common/protocol/topics.hpp"
 #include "tests/fuzz/arbitrary.hpp"
@@ -60,8 +61,18 @@ void check_kept(std::span<const std::byte> body) {
     FRAJA_ASSERT(again.has_value() && body_of(*again) == once);
 }
 
+/// What a session receives: bytes, in which frames may be packed.
+void decode_packed(const Blob& packed) {
+    const std::vector<Blob> frames = protocol::unpack(packed);
+    FRAJA_ASSERT(!frames.empty() && frames.size() <= protocol::message_frames_max + 1);
+    FRAJA_ASSERT(byte_count(frames) <= packed.size());
+    check_decoding(frames);
+}
+
 /// Frames as they come: each a length of two bytes and so many bytes.
 void decode_raw(Input& in) {
+    if (in.once_in(2))
+        return decode_packed(Blob::copy(std::as_bytes(in.take_all())));
     std::vector<Blob> frames;
     while (!in.empty() && frames.size() < 70) {
         const auto length = static_cast<std::size_t>(in.number(2));
@@ -94,8 +105,13 @@ void decode_body(Input& in) {
 /// A message that is one, with a byte of it changed.
 void decode_nearly(Input& in) {
     const protocol::Packet packet = protocol::encode(any_message(in));
-    check_decoding(frames_of(packet));
     std::vector<Blob> frames = frames_of(packet);
+    Bytes packed(protocol::packed_size(packet));
+    protocol::pack(packet, packed);
+    FRAJA_ASSERT(protocol::unpack(Blob(packed)) == frames);
+    packed[in.number(2) % packed.size()] = std::byte(in.byte());
+    decode_packed(Blob(std::move(packed)));
+    check_decoding(frames);
     Bytes body = packet.body;
     for (std::uint32_t changes = in.below(4); changes > 0 && !body.empty(); --changes)
         body[in.number(2) % body.size()] = std::byte(in.byte());

@@ -1,9 +1,10 @@
 #include "tools/bench/broker_load.hpp"
 
 #include "common/base/assert.hpp"
-#include "common/protocol/codec.hpp"
+#include "common/protocol/packing.hpp"
 #include "common/protocol/topics.hpp"
 
+#include <cstring>
 #include <utility>
 #include <vector>
 #include <zmq.hpp>
@@ -42,9 +43,23 @@ bool receive(zmq::socket_t& socket, std::vector<zmq::message_t>& frames) {
     return true;
 }
 
-void send(zmq::socket_t& socket, std::string_view text, bool more) {
-    FRAJA_ASSERT(
-        socket.send(zmq::buffer(text), more ? zmq::send_flags::sndmore : zmq::send_flags::none));
+void send(zmq::socket_t& socket, const Packet& packet) {
+    zmq::message_t message(packed_size(packet));
+    pack(packet, {static_cast<std::byte*>(message.data()), message.size()});
+    FRAJA_ASSERT(socket.send(message, zmq::send_flags::none));
+}
+
+/// Of a message that is packed, as all are on a session.
+std::string_view frame_of(const zmq::message_t& packed, std::size_t index) {
+    std::string_view rest = packed.to_string_view();
+    for (;; --index) {
+        std::uint32_t length = 0;
+        FRAJA_ASSERT(rest.size() >= sizeof length);
+        std::memcpy(&length, rest.data(), sizeof length);
+        if (index == 0)
+            return rest.substr(sizeof length, length);
+        rest.remove_prefix(sizeof length + length);
+    }
 }
 
 /// What is polled, and when it has something.
@@ -133,12 +148,10 @@ void WorkerLoad::run(const std::stop_token& stop, const std::string& endpoint) {
                                                 .credit = options_.credit,
                                                 .tags = {},
                                                 .program_version = "bench"});
-        send(sockets.back(), as_text(hello.header), true);
-        send(sockets.back(), as_text(hello.body), false);
+        send(sockets.back(), hello);
     }
-    const std::string header =
-        text_of(encode(TileRendered{.job = {}, .rays = {}, .blobs = {Blob()}}).header);
-    zmq::message_t pixels(options_.tile_bytes);
+    Packet answer = encode(TileRendered{.job = {}, .rays = {}, .blobs = {Blob()}});
+    answer.blobs = {Blob(Bytes(options_.tile_bytes))};
     std::vector<zmq::pollitem_t> items = items_of(sockets);
     std::vector<zmq::message_t> frames;
     while (!stop.stop_requested()) {
@@ -147,17 +160,14 @@ void WorkerLoad::run(const std::stop_token& stop, const std::string& endpoint) {
             if ((items[i].revents & ZMQ_POLLIN) == 0)
                 continue;
             while (receive(sockets[i], frames)) {
-                const std::uint16_t type = message_type(frames[0].to_string_view());
+                const std::uint16_t type = message_type(frame_of(frames[0], 0));
                 if (type == Welcome::type)
                     ++welcomes_;
                 if (type != RenderTile::type)
                     continue;
                 count_order();
-                send(sockets[i], header, true);
-                send(sockets[i], answer_to(frames[1].to_string_view()), true);
-                zmq::message_t shared;
-                shared.copy(pixels); // of what is large the bytes are not copied
-                FRAJA_ASSERT(sockets[i].send(shared, zmq::send_flags::none));
+                answer.body = to_bytes(answer_to(frame_of(frames[0], 1)));
+                send(sockets[i], answer);
             }
         }
     }
@@ -217,12 +227,12 @@ double bare_orders_per_s(const LoadOptions& options) {
     while (load.orders() < options.tiles) {
         wait(items);
         while (receive(router, frames)) {
-            const bool hello = message_type(frames[1].to_string_view()) == WorkerHello::type;
+            const bool hello = message_type(frame_of(frames[1], 0)) == WorkerHello::type;
             for (std::uint32_t i = 0; i < (hello ? options.credit : 1) && sent < options.tiles;
                  ++i, ++sent) {
-                send(router, frames[0].to_string_view(), true);
-                send(router, as_text(order.header), true);
-                send(router, as_text(order.body), false);
+                FRAJA_ASSERT(router.send(zmq::const_buffer(frames[0].data(), frames[0].size()),
+                                         zmq::send_flags::sndmore));
+                send(router, order);
             }
         }
     }
