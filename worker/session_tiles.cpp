@@ -242,19 +242,21 @@ void Session::ask_chunk(Turn& turn, const ContentHash& hash, SceneOnShelf& scene
 }
 
 void Session::ask_overdue_chunks(Turn& turn) {
-    std::vector<ContentHash> given_up;
+    std::vector<std::pair<ContentHash, std::uint32_t>> given_up; // and how often it was asked for
     for (auto& [hash, scene] : shelf_.scenes()) {
         if (scene.stage != Stage::fetching || turn.now < chunk_deadline(scene))
             continue;
-        if (scene.asks < limits_.chunk_asks_max)
+        // Who comes that late has stood still, and not read what may have been answered.
+        const bool late = turn.now > chunk_deadline(scene) + heartbeat_;
+        if (scene.asks < limits_.chunk_asks_max || late)
             ask_chunk(turn, hash, scene);
         else
-            given_up.push_back(hash);
+            given_up.emplace_back(hash, scene.asks);
     }
-    for (const ContentHash& hash : given_up)
+    for (const auto& [hash, asks] : given_up)
         fail_tiles_of(turn, hash, FailureCode::machine,
-                      "the broker does not send the scene, asked " +
-                          std::to_string(limits_.chunk_asks_max) + " times");
+                      "the broker does not send the scene, asked " + std::to_string(asks) +
+                          " times");
 }
 
 void Session::tidy_shelf(Turn& turn) {

@@ -81,6 +81,20 @@ TEST_CASE("session asks again for a chunk that does not come, and gives up in th
     CHECK(failure(actions) == "machine: the broker does not send the scene, asked 5 times");
 }
 
+TEST_CASE("a session that has stood still gives no scene up for that") {
+    SessionDriver driver;
+    driver.connect();
+    const TestScene scene(10);
+    (void)driver.receive(order(scene, 0));
+    CHECK(sent<NeedChunk>(driver.pass_with_beats(14s)).size() == 4); // and the first
+    driver.now = driver.now + 30s;
+    const auto actions = driver.receive(Beat{}); // it was said meanwhile, as much else may be
+    CHECK(sent<TileFailed>(actions).empty());
+    CHECK(sent<NeedChunk>(actions).size() == 1);
+    CHECK(failure(driver.pass_with_beats(4s)) ==
+          "machine: the broker does not send the scene, asked 6 times");
+}
+
 TEST_CASE("chunks that do not fit are ignored, or fail what waits for them") {
     const TestScene scene(chunk_bytes + 5), other(10, 'o');
     SUBCASE("ignored: of another scene, or not the one that was asked for") {
