@@ -100,7 +100,7 @@ void BranchNode::perform(const broker::Persist&) {
 }
 
 void BranchNode::perform(const broker::Log& line) {
-    farm_.log("branch " + std::to_string(index_) + ": " + line.text);
+    farm_.hear_broker("branch " + std::to_string(index_), line.text);
 }
 
 // ----------------------------------------------------------------------------------- as a worker
@@ -171,9 +171,6 @@ void BranchNode::flush() {
 void BranchNode::perform(worker::Send&& send) {
     if (std::holds_alternative<protocol::WorkerHello>(send.message))
         outbox_.clear();
-    if (const auto* failed = std::get_if<protocol::TileFailed>(&send.message);
-        failed && failed->code != protocol::FailureCode::cancelled)
-        farm_.violation("branch " + std::to_string(index_) + " fails a tile: " + failed->reason);
     outbox_.push_back(std::move(send.message));
 }
 

@@ -35,7 +35,7 @@ private:
     void perform(broker::LoadScene&& load);
     void perform(const broker::OrderFilled&) {} // nobody orders anything of it
     void perform(const broker::OrderFailed&) {}
-    void perform(broker::Log&& line) { farm_.log("broker: " + line.text); }
+    void perform(broker::Log&& line) { farm_.hear_broker("broker", line.text); }
 
     Farm& farm_;
     Process& process_;

@@ -82,6 +82,18 @@ struct Farm {
         if (scenario.on_log)
             scenario.on_log(now(), what);
     }
+    /// What a broker says. A tile fails here only because its worker was lost or hangs, or hands it
+    /// back when it leaves and a beat that comes twice says that it stays.
+    void hear_broker(const std::string& name, const std::string& text) {
+        log(name + ": " + text);
+        if (text.find(" failed on ") == std::string::npos)
+            return;
+        for (const char* reason : {": the worker was lost", ": it traced no ray within the lease",
+                                   ": this worker is leaving"})
+            if (text.ends_with(reason))
+                return;
+        violation(name + " says: " + text);
+    }
     void violation(std::string what) {
         report.violations.push_back(std::to_string(seconds(now().since_start)) +
                                     " s: " + std::move(what));

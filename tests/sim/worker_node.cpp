@@ -84,9 +84,6 @@ void WorkerNode::flush() {
 void WorkerNode::perform(worker::Send&& send) {
     if (std::holds_alternative<protocol::WorkerHello>(send.message))
         outbox_.clear();
-    if (const auto* failed = std::get_if<protocol::TileFailed>(&send.message);
-        failed && failed->code != protocol::FailureCode::cancelled)
-        farm_.violation("worker " + std::to_string(index_) + " fails a tile: " + failed->reason);
     outbox_.push_back(std::move(send.message));
 }
 
