@@ -202,6 +202,7 @@ private:
                 return {ExitCode::usage, started.error().message};
             farm = *std::move(started);
             request.session.brokers = {farm->endpoint()};
+            request.session.connect_timeout = LocalFarm::answers_within;
         }
         return run_submission(context, std::move(request), listener, signals_);
     }

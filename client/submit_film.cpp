@@ -183,6 +183,7 @@ private:
                 return {ExitCode::usage, said(started.error().message)};
             farm = *std::move(started);
             session_.brokers = {farm->endpoint()};
+            session_.connect_timeout = LocalFarm::answers_within;
         }
         const Instant times_out =
             options_.timeout ? net::now() + *options_.timeout : Instant::never();

@@ -2,9 +2,11 @@
 // it calls, for --direct. The only place where programs include one another.
 #pragma once
 
+#include "common/base/instant.hpp"
 #include "common/base/result.hpp"
 #include "common/net/sockets.hpp"
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -28,6 +30,9 @@ public:
     LocalFarm& operator=(const LocalFarm&) = delete;
 
     [[nodiscard]] const std::string& endpoint() const;
+    /// The broker is there, however long this process is kept from running: --connect-timeout is
+    /// about others.
+    static constexpr Duration answers_within = std::chrono::hours(24);
 
 private:
     struct State;
