@@ -185,9 +185,7 @@ std::optional<RoutedMessage> RouterSocket::receive() {
 SendStatus RouterSocket::send(const PeerId& peer, const protocol::Packet& packet) {
     if (packet.blobs.empty())
         return send_packet(impl_->socket, peer, packet);
-    Bytes packed(protocol::packed_size(packet));
-    protocol::pack(packet, packed);
-    const auto lent = unsent_.lend(peer, Blob(std::move(packed)));
+    const auto lent = unsent_.lend(peer, protocol::packed(packet));
     return lent ? send_packed(impl_->socket, peer, *lent) : SendStatus::full;
 }
 

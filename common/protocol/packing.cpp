@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 namespace fraja::protocol {
 namespace {
@@ -40,6 +41,12 @@ void pack(const Packet& packet, std::span<std::byte> room) {
             std::memcpy(to, frame.data(), frame.size());
         to += frame.size();
     });
+}
+
+Blob packed(const Packet& packet) {
+    Bytes bytes(packed_size(packet));
+    pack(packet, bytes);
+    return Blob(std::move(bytes));
 }
 
 std::vector<Blob> unpack(const Blob& packed) {

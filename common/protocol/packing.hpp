@@ -20,6 +20,7 @@ inline constexpr std::size_t packed_bytes_max =
 
 /// Fills `room`, which has packed_size(packet) bytes (asserted).
 void pack(const Packet& packet, std::span<std::byte> room);
+[[nodiscard]] Blob packed(const Packet& packet);
 
 /// The frames, shared with `packed`, not copied; for decode(), which says what is wrong with them:
 /// of too many one too many, and bytes that are no frames are a single one.

@@ -16,10 +16,6 @@ namespace {
 constexpr RajLimits limits{.bytes = 1 << 16, .token_bytes = 500, .expanded_parts = 2'000};
 constexpr std::size_t compiled_parts_max = 60;
 
-} // namespace
-
-namespace {
-
 void read_travel(const std::string& text) {
     const auto cameras = read_raj_cameras(text, "fuzz.raj", limits);
     if (cameras)

@@ -4,7 +4,6 @@
 #include "common/protocol/packing.hpp"
 #include "common/protocol/topics.hpp"
 
-#include <cstring>
 #include <utility>
 #include <vector>
 #include <zmq.hpp>
@@ -49,17 +48,9 @@ void send(zmq::socket_t& socket, const Packet& packet) {
     FRAJA_ASSERT(socket.send(message, zmq::send_flags::none));
 }
 
-/// Of a message that is packed, as all are on a session.
-std::string_view frame_of(const zmq::message_t& packed, std::size_t index) {
-    std::string_view rest = packed.to_string_view();
-    for (;; --index) {
-        std::uint32_t length = 0;
-        FRAJA_ASSERT(rest.size() >= sizeof length);
-        std::memcpy(&length, rest.data(), sizeof length);
-        if (index == 0)
-            return rest.substr(sizeof length, length);
-        rest.remove_prefix(sizeof length + length);
-    }
+/// Of a message on a session, for as long as `message` is there.
+std::vector<Blob> frames_of(const zmq::message_t& message) {
+    return unpack({nullptr, {static_cast<const std::byte*>(message.data()), message.size()}});
 }
 
 /// What is polled, and when it has something.
@@ -160,13 +151,14 @@ void WorkerLoad::run(const std::stop_token& stop, const std::string& endpoint) {
             if ((items[i].revents & ZMQ_POLLIN) == 0)
                 continue;
             while (receive(sockets[i], frames)) {
-                const std::uint16_t type = message_type(frame_of(frames[0], 0));
+                const std::vector<Blob> order = frames_of(frames[0]);
+                const std::uint16_t type = message_type(as_text(order[0]));
                 if (type == Welcome::type)
                     ++welcomes_;
                 if (type != RenderTile::type)
                     continue;
                 count_order();
-                answer.body = to_bytes(answer_to(frame_of(frames[0], 1)));
+                answer.body = to_bytes(answer_to(as_text(order[1])));
                 send(sockets[i], answer);
             }
         }
@@ -227,7 +219,7 @@ double bare_orders_per_s(const LoadOptions& options) {
     while (load.orders() < options.tiles) {
         wait(items);
         while (receive(router, frames)) {
-            const bool hello = message_type(frame_of(frames[1], 0)) == WorkerHello::type;
+            const bool hello = message_type(as_text(frames_of(frames[1])[0])) == WorkerHello::type;
             for (std::uint32_t i = 0; i < (hello ? options.credit : 1) && sent < options.tiles;
                  ++i, ++sent) {
                 FRAJA_ASSERT(router.send(zmq::const_buffer(frames[0].data(), frames[0].size()),

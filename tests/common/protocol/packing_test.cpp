@@ -7,12 +7,6 @@ using namespace fraja::protocol;
 
 namespace {
 
-Blob packed(const Packet& packet) {
-    Bytes bytes(packed_size(packet));
-    pack(packet, bytes);
-    return Blob(std::move(bytes));
-}
-
 Packet packet_of(std::size_t blob_count, std::size_t blob_bytes = 5) {
     Packet packet{to_bytes("header"), to_bytes("body"), {}};
     packet.blobs.assign(blob_count, Blob(Bytes(blob_bytes, std::byte{7})));
