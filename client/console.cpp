@@ -76,16 +76,14 @@ void Console::say(LogLevel level, std::string_view word, const char* color, std:
 
 void Console::line(std::string_view text) {
     const std::string redrawn = std::exchange(redrawn_, {});
-    fmt::print(out_, "{}{}\n", redrawn.empty() ? "" : "\r\x1b[K", text);
+    put(fmt::format("{}{}\n", redrawn.empty() ? "" : "\r\x1b[K", text));
     if (!redrawn.empty())
         redraw(redrawn);
-    std::fflush(out_);
 }
 
 void Console::redraw(std::string_view text) {
     redrawn_ = cut(text, terminal_width(out_) - 1);
-    fmt::print(out_, "\r\x1b[K{}", redrawn_);
-    std::fflush(out_);
+    put("\r\x1b[K" + redrawn_);
 }
 
 ExitCode Console::checked(ExitCode code) {
@@ -98,8 +96,13 @@ ExitCode Console::checked(ExitCode code) {
 void Console::end_redraw() {
     if (std::exchange(redrawn_, {}).empty())
         return;
-    fmt::print(out_, "\n");
+    put("\n");
+}
+
+void Console::put(std::string_view text) {
+    std::fwrite(text.data(), 1, text.size(), out_);
     std::fflush(out_);
+    std::clearerr(out_); // there may be room again for what comes next
 }
 
 std::size_t terminal_width(std::FILE* file) {

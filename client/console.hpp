@@ -50,6 +50,8 @@ public:
 
 private:
     void say(LogLevel level, std::string_view word, const char* color, std::string_view text);
+    /// A picture is not given up because a message cannot be written: that gets lost.
+    void put(std::string_view text);
 
     ConsoleOptions options_;
     std::FILE* out_;

@@ -9,8 +9,10 @@
 #include "common/base/text.hpp"
 
 #include <algorithm>
+#include <array>
 #include <fmt/core.h>
 #include <iostream>
+#include <poll.h>
 #include <string>
 #include <unistd.h>
 #include <utility>
@@ -107,8 +109,9 @@ private:
         const std::string name = fmt::format("{} #{}", catcher.job->job_name, catcher.job->number);
         const bool cancels = command.deed == protocol::JobDeed::cancel;
         if (!cancels || !is_over(catcher.job->phase)) {
-            if (cancels && !command.yes && !confirmed("cancel " + printable(name)))
-                return {ExitCode::usage, {}}; // confirmed() has said why
+            if (cancels && !command.yes)
+                if (const auto refused = refusal("cancel " + printable(name)))
+                    return *refused;
             // By its id: a name may mean another job by now.
             const JobQuestion question{fraja::to_string(catcher.job->job), command.deed,
                                        command.priority};
@@ -126,8 +129,9 @@ private:
 
     Outcome perform(const ControlWorker& command) {
         const bool kicks = command.deed == protocol::WorkerDeed::kick;
-        if (kicks && !command.yes && !confirmed("kick " + printable(command.worker)))
-            return {ExitCode::usage, {}};
+        if (kicks && !command.yes)
+            if (const auto refused = refusal("kick " + printable(command.worker)))
+                return *refused;
         FarmCatcher catcher;
         if (const Outcome outcome = ask(WorkerQuestion{command.worker, command.deed}, catcher);
             outcome.code != ExitCode::done)
@@ -185,18 +189,27 @@ private:
         return converse(context, asking, catcher, signals_);
     }
 
-    /// Asks on a terminal; elsewhere nobody answers.
-    bool confirmed(const std::string& deed) {
+    /// Asks on a terminal, where the deed may be refused; elsewhere nobody answers. It has been
+    /// said then.
+    std::optional<Outcome> refusal(const std::string& deed) {
         if (isatty(STDIN_FILENO) == 0 || !console_.is_terminal()) {
             console_.error("off a terminal, say --yes to " + deed);
-            return false;
+            return Outcome{ExitCode::usage, {}};
         }
         fmt::print(stderr, "{}? [y/N] ", deed);
+        std::array<pollfd, 2> heard{{{STDIN_FILENO, POLLIN, 0}, {-1, POLLIN, 0}}};
+        if (signals_)
+            heard[1].fd = signals_->fd();
+        poll(heard.data(), heard.size(), -1);
+        if (const auto signal = signals_ ? signals_->receive() : std::nullopt) {
+            fmt::print(stderr, "\n");
+            return outcome_of(*signal);
+        }
         std::string answer;
         if (std::getline(std::cin, answer) && (answer == "y" || answer == "yes"))
-            return true;
+            return std::nullopt;
         console_.error("nothing was done");
-        return false;
+        return Outcome{ExitCode::usage, {}};
     }
 
     const CtlOptions& options_;

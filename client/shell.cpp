@@ -27,8 +27,7 @@ public:
         dealer_.reset();
         stream_.reset();
         reached_ = action.broker;
-        if (auto dealer = net::DealerSocket::connect(context_, action.broker))
-            dealer_ = std::move(*dealer);
+        connect();
     }
     void perform(const OpenStream& action) {
         stream_.reset();
@@ -47,6 +46,7 @@ public:
             stream_->unsubscribe(action.topic);
     }
     void perform(const Send& action) {
+        connect();
         if (!dealer_ || dealer_->send(protocol::encode(action.message)) != net::SendStatus::sent)
             not_sent_ = true;
     }
@@ -88,6 +88,14 @@ public:
     }
 
 private:
+    /// Where there was no descriptor left for it, it is tried again with the next word.
+    void connect() {
+        if (dealer_ || reached_.empty())
+            return;
+        if (auto dealer = net::DealerSocket::connect(context_, reached_))
+            dealer_ = std::move(*dealer);
+    }
+
     const net::Context& context_;
     std::string reached_;
     std::optional<net::DealerSocket> dealer_;
@@ -115,8 +123,7 @@ public:
                 break;
             }
             if (const auto signal = signals ? signals->receive() : std::nullopt) {
-                outcome_ = *signal == SIGTERM ? Outcome{ExitCode::terminated, "terminated"}
-                                              : Outcome{ExitCode::interrupted, "interrupted"};
+                outcome_ = outcome_of(*signal);
                 break;
             }
             if (drained)
@@ -181,6 +188,11 @@ private:
 };
 
 } // namespace
+
+Outcome outcome_of(int signal) {
+    return signal == SIGTERM ? Outcome{ExitCode::terminated, "terminated"}
+                             : Outcome{ExitCode::interrupted, "interrupted"};
+}
 
 Outcome converse(const net::Context& context, Core& core, Listener& listener,
                  const net::SignalWatch* signals) {

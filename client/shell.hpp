@@ -23,6 +23,9 @@ public:
     virtual std::optional<Outcome> wants_to_leave() { return std::nullopt; }
 };
 
+/// How a program ends that was told to by SIGINT or SIGTERM.
+[[nodiscard]] Outcome outcome_of(int signal);
+
 /// Holds the core's conversation over `context` until it is over, and returns its last word; when a
 /// signal comes, `interrupted` or `terminated`. Takes leave of the broker in any case. Endpoints
 /// may be tcp, ipc or inproc. `signals` may be null.

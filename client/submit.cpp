@@ -22,6 +22,8 @@
 namespace fraja::client {
 namespace {
 
+constexpr Duration look_around = std::chrono::seconds(1); // for what becomes of our own farm
+
 std::string joined(const std::vector<std::string>& endpoints) {
     std::string all;
     for (const std::string& endpoint : endpoints)
@@ -43,9 +45,12 @@ public:
     Instant tick(Instant now) override {
         const Instant redraw = progress_.tick(now);
         gave_up_ = waits_for_workers() && now >= give_up_at_;
-        return waits_for_workers() ? std::min(redraw, give_up_at_) : redraw;
+        return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
+                         farm_ ? now + look_around : Instant::never()});
     }
     std::optional<Outcome> wants_to_leave() override {
+        if (auto fault = farm_ ? farm_->fault() : std::nullopt)
+            return Outcome{ExitCode::job_failed, *std::move(fault)};
         if (!gave_up_)
             return std::nullopt;
         return Outcome{ExitCode::unreachable,
@@ -55,6 +60,8 @@ public:
                            " (--connect-timeout says how long to wait for the first)"};
     }
     void finish(Instant now) { progress_.finish(now); }
+    /// Its own, which outlives the conversation.
+    void set_farm(const LocalFarm& farm) { farm_ = &farm; }
 
     [[nodiscard]] const std::optional<protocol::JobState>& job() const { return job_; }
     [[nodiscard]] const std::optional<Picture>& picture() const { return picture_; }
@@ -106,6 +113,7 @@ private:
     ProgressReport progress_;
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;
+    const LocalFarm* farm_ = nullptr;
     std::optional<protocol::JobState> job_;
     std::optional<Picture> picture_;
     std::set<std::string> workers_;
@@ -203,6 +211,7 @@ private:
             farm = *std::move(started);
             request.session.brokers = {farm->endpoint()};
             request.session.connect_timeout = LocalFarm::answers_within;
+            listener.set_farm(*farm);
         }
         return run_submission(context, std::move(request), listener, signals_);
     }

@@ -8,6 +8,7 @@
 #include "client/progress.hpp"
 #include "client/progress_report.hpp"
 #include "client/shell.hpp"
+#include "common/base/guarded.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/limits.hpp"
@@ -15,7 +16,6 @@
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
-#include <csignal>
 #include <filesystem>
 #include <fmt/core.h>
 #include <map>
@@ -29,6 +29,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr Duration look_around = 100ms; // for signals, and for who is to leave
+constexpr Duration for_ever = Duration::max() / 2;
 
 /// What the threads of frames and the film's own have in common.
 struct Shared {
@@ -44,7 +45,7 @@ struct FrameState {
     // guarded by Shared::mutex
     std::optional<protocol::JobState> job;
     std::string broker;
-    bool connected = true;
+    bool connected = true; ///< not known to be without the broker
     double share = 0;
     std::optional<Outcome> outcome; ///< it is over
 };
@@ -68,6 +69,7 @@ private:
     void take(const Accepted& news) {
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
         note(news.state);
+        shared_.changed.notify_one();
     }
     void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }
     void take(const StateChanged& news) { note(news.state); }
@@ -101,6 +103,11 @@ public:
         report_.travel_file = options.travel_file;
         report_.settings = options.settings;
     }
+
+    /// Whatever ends it, the frames' threads have left before what they use goes.
+    ~FilmProgram() { shared_.leaving = true; }
+    FilmProgram(const FilmProgram&) = delete;
+    FilmProgram& operator=(const FilmProgram&) = delete;
 
     int run() {
         if (auto fault = find_fault())
@@ -174,15 +181,13 @@ private:
     }
 
     Outcome render() {
-        const net::Context context;
-        std::unique_ptr<LocalFarm> farm;
         session_ = session_options(options_.shared);
         if (options_.local) {
-            auto started = LocalFarm::start(context, options_.local_threads);
+            auto started = LocalFarm::start(context_, options_.local_threads);
             if (!started)
                 return {ExitCode::usage, said(started.error().message)};
-            farm = *std::move(started);
-            session_.brokers = {farm->endpoint()};
+            farm_ = *std::move(started);
+            session_.brokers = {farm_->endpoint()};
             session_.connect_timeout = LocalFarm::answers_within;
         }
         const Instant times_out =
@@ -190,9 +195,10 @@ private:
         std::optional<Outcome> leaving;
         std::size_t next = 0;
         while (!leaving && (next < waiting_.size() || !running_.empty())) {
-            while (!gives_up_ && next < waiting_.size() &&
-                   running_.size() < frames_at_a_time(options_.settings))
-                begin(context, waiting_[next++]);
+            // One alone until it is known that there is a broker which takes them.
+            const std::size_t at_a_time = accepted_ ? frames_at_a_time(options_.settings) : 1;
+            while (!gives_up_ && next < waiting_.size() && running_.size() < at_a_time)
+                begin(waiting_[next++]);
             if (gives_up_ && running_.empty())
                 break;
             {
@@ -202,10 +208,11 @@ private:
             gather();
             show_progress();
             if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
-                leaving = *signal == SIGTERM ? Outcome{ExitCode::terminated, "terminated"}
-                                             : Outcome{ExitCode::interrupted, "interrupted"};
+                leaving = outcome_of(*signal);
             else if (net::now() >= times_out)
                 leaving = Outcome{ExitCode::timed_out, "the time is up"};
+            else if (auto fault = farm_ ? farm_->fault() : std::nullopt)
+                leaving = Outcome{ExitCode::job_failed, *std::move(fault)};
         }
         if (!leaving)
             return summary();
@@ -214,22 +221,25 @@ private:
     }
 
     /// A thread of its own speaks for it.
-    void begin(const net::Context& context, std::size_t index) {
+    void begin(std::size_t index) {
         Running& one = running_[index];
         one.state = std::make_unique<FrameState>();
         one.state->number = report_.frames[index].number;
         one.state->output = frame_file(options_.output, one.state->number);
-        one.thread = std::jthread([this, &context, &state = *one.state] {
-            Outcome outcome = render_frame(context, state);
+        one.state->connected = connected_;
+        one.thread = std::jthread([this, &state = *one.state, session = session_] {
+            Result<Outcome> outcome =
+                guarded([&]() -> Result<Outcome> { return render_frame(state, session); });
             {
                 const std::lock_guard lock(shared_.mutex);
-                state.outcome = std::move(outcome);
+                state.outcome = outcome ? *std::move(outcome)
+                                        : Outcome{ExitCode::job_failed, outcome.error().message};
             }
             shared_.changed.notify_one();
         });
     }
 
-    Outcome render_frame(const net::Context& context, FrameState& state) {
+    Outcome render_frame(FrameState& state, const SessionOptions& session) {
         if (const auto writable = check(state.number); !writable)
             return {ExitCode::job_failed, writable.error().message};
         const auto scene = scenes_->frame(state.number);
@@ -240,12 +250,12 @@ private:
             options_.job_name.substr(0, protocol::name_bytes_max - number.size()) + number;
         SubmissionRequest request{.job = new_job(options_, name, scene->hash, scene->text.size()),
                                   .scene_text = scene->text,
-                                  .session = session_,
+                                  .session = session,
                                   .timeout = std::nullopt};
         request.job.wishes.film = report_.film;
         request.job.wishes.frame = state.number;
         FrameListener listener(shared_, state);
-        Outcome outcome = run_submission(context, std::move(request), listener, nullptr);
+        Outcome outcome = run_submission(context_, std::move(request), listener, nullptr);
         if (outcome.code != ExitCode::done)
             return outcome;
         if (const auto written = listener.picture()->write(
@@ -265,6 +275,7 @@ private:
                 connected = connected && one.state->connected;
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
+                accepted_ = accepted_ || one.state->job;
                 if (one.state->outcome)
                     over.push_back(index);
             }
@@ -276,6 +287,9 @@ private:
             else
                 console_.warning("lost the broker at " + broker_ + "; looking for it");
         }
+        // Who has been there once is waited for, as with a single picture.
+        if (accepted_)
+            session_.connect_timeout = for_ever;
         for (const std::size_t index : over)
             end_frame(index);
     }
@@ -408,11 +422,14 @@ private:
     std::optional<Outcome> gives_up_; ///< why no more frames are submitted
     std::string broker_;
     bool connected_ = true;
+    bool accepted_ = false; ///< one frame was, at least
 
     struct Running {
         std::unique_ptr<FrameState> state;
         std::jthread thread; ///< ends before the state does
     };
+    const net::Context context_;
+    std::unique_ptr<LocalFarm> farm_;
     Shared shared_;
     std::map<std::size_t, Running> running_;
 };

@@ -1,5 +1,6 @@
 // fraja-worker: reads the options and runs the worker.
 #include "common/base/freed_memory.hpp"
+#include "common/base/guarded.hpp"
 #include "common/base/version.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
@@ -166,7 +167,7 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
     std::atomic<bool> ended = false;
     std::optional<Result<worker::FinishReason>> outcome;
     std::jthread thread([&] {
-        outcome = worker::run_worker(context, options, control);
+        outcome = guarded([&] { return worker::run_worker(context, options, control); });
         ended = true;
         woken.wake();
     });

@@ -1,5 +1,6 @@
 #include "worker/render_pool.hpp"
 
+#include "common/base/guarded.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
@@ -9,9 +10,7 @@
 
 #include <algorithm>
 #include <bit>
-#include <exception>
 #include <limits>
-#include <new>
 #include <optional>
 #include <span>
 
@@ -70,18 +69,6 @@ Result<std::shared_ptr<const Scene>> read_scene(std::vector<Blob> chunks, const 
     if (!scene)
         return scene.error();
     return std::make_shared<const Scene>(std::move(*scene));
-}
-
-/// Calls `deed`, whose exceptions end here: they are this machine's fault.
-template <class F>
-auto guarded(F deed) -> decltype(deed()) {
-    try {
-        return deed();
-    } catch (const std::bad_alloc&) {
-        return Error{ErrorCode::io, "out of memory"};
-    } catch (const std::exception& e) {
-        return Error{ErrorCode::io, std::string("unexpected: ") + e.what()};
-    }
 }
 
 struct Drawn {

@@ -1,10 +1,12 @@
 #include "client/local/local_farm.hpp"
 
 #include "broker/shell.hpp"
+#include "common/base/guarded.hpp"
 #include "common/net/descriptors.hpp"
 #include "worker/shell.hpp"
 
 #include <future>
+#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -18,12 +20,16 @@ constexpr const char* stream_endpoint = "inproc://fraja-local-stream";
 
 struct LocalFarm::State {
     std::string endpoint;
+    std::mutex mutex;
+    std::optional<std::string> fault; // guarded by it
     broker::Control broker_control;
     worker::Control worker_control;
     std::jthread broker_thread, worker_thread;
 
     /// Starts the broker. It says where it listens, or why it does not.
     Result<void> start_broker(const net::Context& context, std::vector<std::string> call);
+    void start_worker(const net::Context& context, worker::WorkerOptions options);
+    void note(const char* who, const Error& error);
 
     /// The worker first, so that there is somebody to say Goodbye to.
     ~State() {
@@ -38,26 +44,44 @@ Result<void> LocalFarm::State::start_broker(const net::Context& context,
                                             std::vector<std::string> call) {
     std::promise<Result<std::string>> promise;
     auto listening = promise.get_future();
-    broker_thread = std::jthread([&context, &control = broker_control, p = std::move(promise),
-                                  call = std::move(call)]() mutable {
-        bool said = false;
-        broker::Options options;
-        options.bind = session_endpoint;
-        options.publish = stream_endpoint;
-        options.call = std::move(call);
-        options.on_listening = [&](const std::string& bound, const std::string&) {
-            said = true;
-            p.set_value(bound);
-        };
-        const auto ran = broker::run_broker(context, options, control);
-        if (!said)
-            p.set_value(ran ? Error{ErrorCode::io, "the local broker ended"} : ran.error());
-    });
+    broker_thread =
+        std::jthread([this, &context, p = std::move(promise), call = std::move(call)]() mutable {
+            bool said = false;
+            broker::Options options;
+            options.bind = session_endpoint;
+            options.publish = stream_endpoint;
+            options.call = std::move(call);
+            options.on_listening = [&](const std::string& bound, const std::string&) {
+                said = true;
+                p.set_value(bound);
+            };
+            const auto ran =
+                guarded([&] { return broker::run_broker(context, options, broker_control); });
+            if (!said)
+                p.set_value(ran ? Error{ErrorCode::io, "the local broker ended"} : ran.error());
+            else if (!ran)
+                note("broker", ran.error());
+        });
     auto bound = listening.get();
     if (!bound)
         return bound.error();
     endpoint = *std::move(bound);
     return {};
+}
+
+void LocalFarm::State::start_worker(const net::Context& context, worker::WorkerOptions options) {
+    worker_thread = std::jthread([this, &context, options = std::move(options)] {
+        const auto ran =
+            guarded([&] { return worker::run_worker(context, options, worker_control); });
+        if (!ran)
+            note("worker", ran.error());
+    });
+}
+
+void LocalFarm::State::note(const char* who, const Error& error) {
+    const std::lock_guard lock(mutex);
+    if (!fault)
+        fault = std::string("the local ") + who + " ended: " + error.message;
 }
 
 Result<std::unique_ptr<LocalFarm>> LocalFarm::call(const net::Context& context,
@@ -81,10 +105,7 @@ Result<std::unique_ptr<LocalFarm>> LocalFarm::start(const net::Context& context,
     options.name = "local";
     if (const auto valid = worker::validate(options); !valid)
         return valid.error();
-    state->worker_thread = std::jthread([&context, &control = state->worker_control, options] {
-        // It can only fail where its options are wrong: those are checked.
-        (void)worker::run_worker(context, options, control);
-    });
+    state->start_worker(context, std::move(options));
     return std::unique_ptr<LocalFarm>(new LocalFarm(std::move(state)));
 }
 
@@ -94,6 +115,11 @@ LocalFarm::~LocalFarm() = default;
 
 const std::string& LocalFarm::endpoint() const {
     return state_->endpoint;
+}
+
+std::optional<std::string> LocalFarm::fault() const {
+    const std::lock_guard lock(state_->mutex);
+    return state_->fault;
 }
 
 } // namespace fraja::client

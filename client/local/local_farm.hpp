@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,8 @@ public:
     LocalFarm& operator=(const LocalFarm&) = delete;
 
     [[nodiscard]] const std::string& endpoint() const;
+    /// Why a part of it has ended by itself, for want of memory or threads: nothing comes any more.
+    [[nodiscard]] std::optional<std::string> fault() const;
     /// The broker is there, however long this process is kept from running: --connect-timeout is
     /// about others.
     static constexpr Duration answers_within = std::chrono::hours(24);

@@ -333,6 +333,18 @@ TEST_CASE("a picture says all of how it was sampled") {
     CHECK(settings_text(settings) == "depth 5, spp 16, kernel fast");
 }
 
+TEST_CASE("messages that cannot be written are lost, and no more than that") {
+    std::FILE* const full = std::fopen("/dev/full", "w");
+    REQUIRE(full != nullptr);
+    {
+        Console console({"fraja-test"}, full);
+        console.error("nobody hears this");
+        console.redraw("nor this");
+        console.line("nor this");
+    }
+    std::fclose(full);
+}
+
 TEST_CASE("a live picture is written when something came, and not too often") {
     const auto path =
         std::filesystem::temp_directory_path() / ("live-" + std::to_string(getpid()) + ".png");

@@ -9,7 +9,9 @@
 #include <atomic>
 #include <csignal>
 #include <doctest/doctest.h>
+#include <filesystem>
 #include <map>
+#include <sys/resource.h>
 #include <thread>
 
 using namespace fraja;
@@ -108,7 +110,7 @@ private:
     std::jthread thread_; // last: it uses the others
 };
 
-class CountingListener final : public Listener {
+class CountingListener : public Listener {
 public:
     void hear(Instant, const News& news) override {
         if (const auto* tile = std::get_if<TileArrived>(&news)) {
@@ -160,6 +162,36 @@ TEST_CASE("a submission runs over tcp, ipc and inproc alike, and takes its leave
             std::this_thread::sleep_for(5ms);
         CHECK(broker.was_left());
     }
+    for (const char* end : {".a", ".b"}) // libzmq leaves them there
+        std::filesystem::remove(ipc.substr(ipc.find('/') + 2) + end);
+}
+
+TEST_CASE("a broker for which no descriptor was left is connected to later") {
+    struct Raised final : CountingListener {
+        explicit Raised(const rlimit& to) : before(to) {}
+        Instant tick(Instant now) override {
+            if (++ticks == 2) // the first words had no socket
+                setrlimit(RLIMIT_NOFILE, &before);
+            return now + 10ms;
+        }
+        rlimit before;
+        int ticks = 0;
+    };
+    const net::Context context;
+    FourTileBroker broker(context, "tcp://127.0.0.1:0", "tcp://127.0.0.1:0");
+    rlimit before{};
+    REQUIRE(getrlimit(RLIMIT_NOFILE, &before) == 0);
+    rlimit none = before;
+    none.rlim_cur = 3; // those that are open stay so
+    REQUIRE(setrlimit(RLIMIT_NOFILE, &none) == 0);
+    CHECK_FALSE(net::DealerSocket::connect(context, broker.endpoint()).has_value());
+    Raised listener(before);
+    const Outcome outcome =
+        run_submission(context, request_to(broker.endpoint()), listener, nullptr);
+    setrlimit(RLIMIT_NOFILE, &before);
+    CHECK(outcome == Outcome{});
+    CHECK(listener.ticks >= 2);
+    CHECK(listener.tiles.size() == 4);
 }
 
 TEST_CASE("where nobody listens the client gives up in time") {

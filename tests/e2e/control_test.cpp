@@ -1,7 +1,11 @@
 // fraja-ctl and what it makes of jobs and workers, with real processes.
 #include "tests/e2e/farm.hpp"
 
+#include <array>
 #include <doctest/doctest.h>
+#include <pty.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 namespace fraja::e2e {
 namespace {
@@ -57,6 +61,47 @@ TEST_CASE("a job is paused, resumed, cancelled and tried again from the command 
     const std::string picture = scratch.file("got.png");
     CHECK(ctl(farm, {"get", id, "-o", picture}).exit == 0);
     CHECK((bytes_of(picture) == local_picture(scratch, long_job)));
+}
+
+/// fraja-ctl on a terminal: what it asks is answered with `keys`. Returns how it ended.
+std::optional<int> ctl_answered(Farm& farm, const Words& words, const std::string& keys) {
+    int terminal = -1;
+    const pid_t child = forkpty(&terminal, nullptr, nullptr, nullptr);
+    REQUIRE(child >= 0);
+    if (child == 0) {
+        const Words line = with({program("fraja-ctl"), "-b", farm.endpoint()}, words);
+        std::vector<char*> argv;
+        for (const std::string& word : line)
+            argv.push_back(const_cast<char*>(word.c_str()));
+        argv.push_back(nullptr);
+        execv(argv[0], argv.data());
+        _exit(127);
+    }
+    std::string seen;
+    bool answered = false;
+    std::array<char, 256> some{};
+    for (ssize_t n = 0; (n = read(terminal, some.data(), some.size())) > 0;) { // until it has ended
+        seen.append(some.data(), static_cast<std::size_t>(n));
+        if (!answered && contains(seen, "? [y/N] ")) {
+            answered = true;
+            REQUIRE(write(terminal, keys.data(), keys.size()) == static_cast<ssize_t>(keys.size()));
+        }
+    }
+    close(terminal);
+    CHECK_MESSAGE(answered, seen);
+    int status = 0;
+    REQUIRE(waitpid(child, &status, 0) == child);
+    return WIFEXITED(status) ? std::optional(WEXITSTATUS(status)) : std::nullopt;
+}
+
+TEST_CASE("what cannot be undone is asked on a terminal, where Ctrl-C is heard too") {
+    Farm farm;
+    const std::string id = farm.detach(long_job);
+    CHECK(ctl_answered(farm, {"cancel", id}, "\x03") == 130);
+    CHECK(ctl_answered(farm, {"cancel", id}, "n\n") == 2);
+    CHECK(state(farm, id) == "queued");
+    CHECK(ctl_answered(farm, {"cancel", id}, "y\n") == 0);
+    CHECK(state(farm, id) == "cancelled");
 }
 
 TEST_CASE("priorities are changed, and the job that matters more ends first") {

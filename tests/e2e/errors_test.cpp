@@ -271,6 +271,37 @@ TEST_CASE("a result that cannot be written is no success") {
     CHECK(contains(result->err, "standard output"));
 }
 
+TEST_CASE("a picture comes out although its messages cannot be written") {
+    const Scratch scratch;
+    const auto result = run(
+        {{"sh", "-c", R"("$@" 2>/dev/full)", "sh", program("fraja-submit"), scene("cone"),
+          "--local", "-j", "1", "-r", "32x24", "--progress", "plain", "-o", scratch.file("x.png")}},
+        patience);
+    REQUIRE(result.has_value());
+    CHECK(result->exit == 0);
+    CHECK(fs::exists(scratch.file("x.png")));
+}
+
+TEST_CASE("a program that gets no threads ends and says so") {
+    if (instrumented) // a sanitizer wants more addresses than there is memory
+        return;
+    const Scratch scratch;
+    const Words little{"prlimit", "--as=1000000000"}; // and a thread takes 8 MiB for its stack
+    const Words local{program("fraja-submit"), scene("cone"), "--local", "-j", "256"};
+    for (const Words& words :
+         {with(local, {"-o", scratch.file("x.png")}),
+          with(local, {"-o", scratch.file("%d.png"), "--travel",
+                       FRAJA_SOURCE_DIR "/scenes/travels/cone.raj"}),
+          Words{program("fraja-worker"), "-j", "256", "-b", "tcp://127.0.0.1:9"}}) {
+        const auto result = run({with(little, words)}, patience);
+        REQUIRE(result.has_value());
+        CAPTURE(result->err);
+        CHECK(result->exit.value_or(-1) > 0); // no signal
+        CHECK(contains(result->err, "Resource temporarily unavailable"));
+        CHECK_FALSE(contains(result->err, "terminate called"));
+    }
+}
+
 TEST_CASE("a dry run checks everything and submits nothing") {
     const Scratch scratch;
     const auto result = submit(

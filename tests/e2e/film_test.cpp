@@ -227,6 +227,50 @@ TEST_CASE("a film's frame that is cancelled is told, and the others are written"
     CHECK(fs::exists(scratch.file("3.png")));
 }
 
+TEST_CASE("a film outlives its broker, also where a frame is begun without one") {
+    const Scratch scratch;
+    const Words limits{"--heartbeat", heartbeat_option, "--state", scratch.file("state")};
+    Farm farm(limits); // nobody draws yet
+    std::ifstream file(travel);
+    const std::string round{std::istreambuf_iterator<char>(file), {}};
+    const std::size_t begin = round.find('[') + 1;
+    const std::string cameras = round.substr(begin, round.rfind(']') - begin);
+    std::ofstream(scratch.file("rounds.raj"))
+        << '[' << cameras << ',' << cameras << ',' << cameras << ',' << cameras << ',' << cameras
+        << ',' << cameras << ']';
+    Process drawn = farm.start_submit({scene("cone"), "--travel", scratch.file("rounds.raj"),
+                                       "--frames", "1-65", "-r", "32x24", "-o",
+                                       scratch.file("%d.png"), "--connect-timeout", "2s"});
+    const std::string first = wait_for_frame_job(farm, "cone-0001");
+    (void)wait_for_frame_job(farm, "cone-0064"); // so many at a time
+    // It hears that its first frame is over, and begins another, when the broker is gone.
+    drawn.send(SIGSTOP);
+    const auto cancelled =
+        run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", first}}, patience);
+    REQUIRE(cancelled.has_value());
+    REQUIRE(cancelled->exit == 0);
+    farm.broker().send(SIGKILL);
+    REQUIRE(farm.broker().wait_for_exit(patience).has_value());
+    drawn.send(SIGCONT);
+    const auto said = [&](std::string_view words) {
+        return drawn.wait_for_line(
+            Process::Stream::err, [words](std::string_view line) { return contains(line, words); },
+            patience);
+    };
+    REQUIRE_MESSAGE(said("frame 1: "), drawn.story());
+    REQUIRE_MESSAGE(said("lost the broker"), drawn.story());
+    CHECK_FALSE(drawn.wait_for_exit(3s).has_value()); // longer than --connect-timeout
+    farm.start_broker_again();
+    farm.add_worker("one", {"-j", "2"});
+    CHECK(drawn.wait_for_exit(patience) == 5);
+    INFO(drawn.story());
+    CHECK(contains(drawn.err(), "found the broker"));
+    CHECK(contains(drawn.err(), "error: 1 of 65 frames are not drawn"));
+    CHECK_FALSE(fs::exists(scratch.file("1.png")));
+    for (int frame = 2; frame <= 65; ++frame)
+        CHECK(fs::exists(scratch.file(std::to_string(frame) + ".png")));
+}
+
 TEST_CASE("a film without a broker ends with 3 and says so once") {
     const Scratch scratch;
     const auto result = submit(
