@@ -1,7 +1,9 @@
 // fraja-broker: reads the options and runs the broker.
+#include "broker/restore.hpp"
 #include "broker/shell.hpp"
 #include "broker/store.hpp"
 #include "broker/store_reader.hpp"
+#include "broker/store_schema.hpp"
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
@@ -13,11 +15,13 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <fmt/core.h>
 #include <iostream>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 #include <string>
+#include <system_error>
 
 namespace {
 
@@ -101,24 +105,33 @@ void make_room_for_peers(const broker::Limits& limits, spdlog::logger& logger) {
                     room, limits.workers_max, limits.clients_max, wanted);
 }
 
-/// What is in the store, for people.
+/// What is in the store, for people; read to the last byte.
 int check_state(const std::string& state) {
     if (state == "none") {
         fmt::print("--state none: nothing is kept\n");
         return 0;
     }
+    std::error_code ignored;
+    if (const auto file = std::filesystem::path(state) / broker::store_file_name;
+        !std::filesystem::exists(file, ignored)) {
+        fmt::print("{}: there is no such store\n", file.string());
+        return 0;
+    }
     const auto store = broker::Store::open(state);
     auto reader = store ? broker::StoreReader::open(*store) : store.error();
-    const auto contents = reader ? reader->read() : reader.error();
-    if (!contents)
-        return usage_error(contents.error().message);
+    const auto restored = reader ? broker::restore(*store, *reader) : reader.error();
+    if (!restored)
+        return usage_error(restored.error().message);
+    const broker::Contents& contents = restored->contents;
+    if (const auto sound = broker::check_bytes(contents, *reader); !sound)
+        return usage_error(sound.error().message);
     std::size_t tiles = 0, over = 0;
-    for (const broker::StoredJob& job : contents->jobs) {
+    for (const broker::StoredJob& job : contents.jobs) {
         tiles += job.tiles.size();
         over += is_over(job.phase);
     }
     fmt::print("{}: {} job(s), {} of them over, {} tile(s), {} scene(s)\n", store->file().string(),
-               contents->jobs.size(), over, tiles, contents->blobs.size());
+               contents.jobs.size(), over, tiles, contents.blobs.size());
     return 0;
 }
 

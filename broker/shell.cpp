@@ -1,10 +1,9 @@
 #include "broker/shell.hpp"
 
 #include "broker/dispatcher.hpp"
-#include "broker/sqlite.hpp"
+#include "broker/restore.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
-#include "broker/submission.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -45,32 +44,16 @@ Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
     auto store = Store::open(state);
     if (!store)
         return store.error();
-    const auto epoch = store->next_epoch();
-    if (!epoch)
-        return epoch.error();
     auto reader = StoreReader::open(*store);
     if (!reader)
         return reader.error();
-    auto contents = reader->read();
-    if (!contents)
-        return contents.error();
-    for (const StoredJob& job : contents->jobs) // of what is in it SQLite knows nothing
-        if (const auto fault = fault_of(job))
-            return damaged(store->file(), "job " + to_string(job.submission.job) + ": " + *fault);
-    if (std::ranges::adjacent_find(contents->jobs, {}, &StoredJob::number) != contents->jobs.end())
-        return damaged(store->file(), "two jobs with one number");
-    Restored restored{std::move(*contents), {}};
-    for (const StoredJob& job : restored.contents.jobs) {
-        const ContentHash& scene = job.submission.scene;
-        if (is_over(job.phase) || restored.scenes.contains(scene))
-            continue;
-        auto bytes = reader->blob(scene);
-        if (!bytes)
-            return bytes.error();
-        if (*bytes)
-            restored.scenes[scene] = std::move(**bytes);
-    }
-    return std::unique_ptr<Kept>(new Kept{*epoch, std::move(restored), std::move(*reader),
+    auto restored = restore(*store, *reader);
+    if (!restored)
+        return restored.error();
+    const auto epoch = store->next_epoch(); // last: what is refused is left as it is
+    if (!epoch)
+        return epoch.error();
+    return std::unique_ptr<Kept>(new Kept{*epoch, std::move(*restored), std::move(*reader),
                                           StoreWriter(std::move(*store), waker)});
 }
 

@@ -89,8 +89,10 @@ Result<void> Store::limit_file(std::uint64_t bytes_max) {
 
 Result<std::uint64_t> Store::next_epoch() {
     const auto now_us = std::to_string(now() / 1000);
-    const auto epoch =
-        database_.integer("UPDATE farm SET epoch = max(epoch + 1, " + now_us + ") RETURNING epoch");
+    const std::string next = "max(epoch + 1, " + now_us + ")";
+    auto epoch = database_.integer("UPDATE farm SET epoch = " + next + " RETURNING epoch");
+    if (!epoch)
+        epoch = database_.integer("SELECT " + next + " FROM farm");
     if (!epoch)
         return epoch.error();
     return static_cast<std::uint64_t>(*epoch);

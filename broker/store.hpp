@@ -55,7 +55,8 @@ public:
     [[nodiscard]] Result<void> make_room(std::span<const JobId> jobs);
 
     /// A number for this start of the broker, larger than all before, whatever the clock says: it
-    /// is microseconds since 1970 where that is larger.
+    /// is microseconds since 1970 where that is larger. On a full disk it cannot be kept, and the
+    /// next one is larger only if the clock is.
     [[nodiscard]] Result<std::uint64_t> next_epoch();
 
     /// From now on the file does not grow beyond that; 0: it may. What it has already stays.

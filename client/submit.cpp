@@ -155,7 +155,7 @@ private:
     /// Everything that can be found wrong before anything is submitted; what was found has been
     /// said.
     std::optional<std::string> find_fault() {
-        auto scene = read_scene_file(options_.scene_file);
+        auto scene = read_scene();
         if (!scene) {
             // It opens with file, line and column: nothing before that.
             console_.line(printable(scene.error().message));
@@ -174,6 +174,12 @@ private:
             return writable.error().message;
         }
         return std::nullopt;
+    }
+
+    /// A pipe may keep it waiting.
+    [[nodiscard]] Result<SceneFile> read_scene() const {
+        const net::Unwatched interruptible(signals_);
+        return read_scene_file(options_.scene_file);
     }
 
     void print_plan() const {

@@ -129,7 +129,7 @@ public:
 private:
     std::optional<std::string> find_fault() {
         std::vector<std::string> warnings;
-        auto scenes = FilmScenes::read(options_.scene_file, options_.travel_file, warnings);
+        auto scenes = read_scenes(warnings);
         for (const std::string& warning : warnings)
             console_.located_warning(warning);
         if (!scenes) { // it opens with file, line and column: nothing before that
@@ -156,6 +156,12 @@ private:
             if (const auto writable = check(report_.frames[waiting_.front()].number); !writable)
                 return said(writable.error().message);
         return std::nullopt;
+    }
+
+    /// A pipe may keep it waiting.
+    Result<FilmScenes> read_scenes(std::vector<std::string>& warnings) const {
+        const net::Unwatched interruptible(signals_);
+        return FilmScenes::read(options_.scene_file, options_.travel_file, warnings);
     }
 
     std::string said(std::string fault) {

@@ -1,6 +1,7 @@
 // Signals as something to poll, instead of handlers.
 #pragma once
 
+#include <csignal>
 #include <initializer_list>
 #include <optional>
 
@@ -20,7 +21,23 @@ public:
     [[nodiscard]] int fd() const { return fd_; }
 
 private:
+    friend class Unwatched;
+    sigset_t signals_;
     int fd_;
+};
+
+/// While this lives the signals do to the program what they do to any: for what may wait for ever
+/// before there is anything to lose, as the opening of a pipe. Only while there is one thread.
+class Unwatched {
+public:
+    /// Null: nobody watches.
+    explicit Unwatched(const SignalWatch* watch);
+    ~Unwatched();
+    Unwatched(const Unwatched&) = delete;
+    Unwatched& operator=(const Unwatched&) = delete;
+
+private:
+    const SignalWatch* watch_;
 };
 
 } // namespace fraja::net

@@ -161,8 +161,14 @@ TEST_CASE("a store with a job that nobody can have submitted is said to be damag
         Control control;
         control.stop();
         const net::Context context;
+        const auto bytes = [&] {
+            const std::string log = directory.file().string() + "-wal";
+            return bytes_of(directory.file()) + (std::filesystem::exists(log) ? bytes_of(log) : "");
+        };
+        const std::string before = bytes();
         const auto ran = run_broker(context, options, control);
         CHECK(ran.has_value() == row.is_well);
+        CHECK((bytes() == before) == !row.is_well); // but for its epoch
         if (!row.is_well)
             CHECK(ran.error().message.find("is damaged (job " + to_string(job.job)) !=
                   std::string::npos);

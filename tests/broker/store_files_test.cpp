@@ -1,6 +1,7 @@
 // What the store makes of the file and the directory it finds, and of an end without notice.
 #include "broker/store.hpp"
 
+#include "broker/restore.hpp"
 #include "broker/sqlite.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_schema.hpp"
@@ -13,6 +14,7 @@
 #include <cstdio>
 #include <doctest/doctest.h>
 #include <fstream>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <thread>
 #include <unistd.h>
@@ -137,6 +139,35 @@ TEST_CASE("a damaged store is refused and left as it is") {
     }
 }
 
+TEST_CASE("every start has a larger epoch, and a disk that is full is no reason to have none") {
+    const TempDirectory directory;
+    StoreOptions options;
+    auto now = std::chrono::system_clock::time_point(1h);
+    options.wall_clock = [&now] { return now; };
+    const auto next = [&](rlim_t file_bytes_max) {
+        rlimit before{};
+        REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+        auto store = Store::open(directory.path(), options);
+        REQUIRE(store.has_value());
+        const rlimit full{file_bytes_max, before.rlim_max};
+        REQUIRE(setrlimit(RLIMIT_FSIZE, &full) == 0);
+        const auto epoch = store->next_epoch();
+        REQUIRE(setrlimit(RLIMIT_FSIZE, &before) == 0);
+        REQUIRE(epoch.has_value());
+        return *epoch;
+    };
+    const auto ignored = std::signal(SIGXFSZ, SIG_IGN);
+    const std::uint64_t first = next(RLIM_INFINITY);
+    CHECK(first == 3'600'000'000);
+    CHECK(next(RLIM_INFINITY) == first + 1); // the clock stands
+    CHECK(next(0) == first + 2);
+    now += 1s;
+    CHECK(next(0) == first + 1'000'000);
+    now -= 1h;
+    CHECK(next(RLIM_INFINITY) == first + 2); // those on a full disk were not kept
+    std::signal(SIGXFSZ, ignored);
+}
+
 TEST_CASE("pixels and scenes that are not what was put are never given out") {
     const TempDirectory directory;
     const JobId job = fill(directory.path(), 1);
@@ -146,8 +177,17 @@ TEST_CASE("pixels and scenes that are not what was put are never given out") {
         Store store = open_store(directory.path());
         commit(store, {scene_of(scene)});
     }
-    execute(directory.file(), "UPDATE pixels SET bytes = zeroblob(24576); "
-                              "UPDATE pieces SET bytes = zeroblob(5000)");
+    const auto check = [&] {
+        const Store store = open_store(directory.path());
+        auto reader = StoreReader::open(store);
+        const auto contents = reader->read();
+        return check_bytes(*contents, *reader);
+    };
+    CHECK(check().has_value());
+    execute(directory.file(), "UPDATE pieces SET bytes = zeroblob(5000)");
+    CHECK(says(check().error(), "is damaged"));
+    execute(directory.file(), "UPDATE pixels SET bytes = zeroblob(24576)");
+    CHECK(says(check().error(), "the pixels of tile 0 of job " + to_string(job)));
     const Store store = open_store(directory.path());
     auto reader = StoreReader::open(store);
     REQUIRE(reader.has_value());

@@ -410,7 +410,8 @@ void Chaos::check_that_it_raged() const {
     CHECK(counts_.watchers > 0);
     CHECK(counts_.workers_killed > 0);
     CHECK(counts_.workers_stopped > 0);
-    CHECK(counts_.broker_killed > 0);
+    CHECK(counts_.broker_killed >=
+          std::max<std::uint64_t>(1, broker_deaths_ - 1)); // a deed may take long
     CHECK(rubbish_count() > 0);
 }
 

@@ -37,6 +37,12 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     INFO(shown->out << shown->err);
     CHECK(has(shown->out, "waiting: the broker cannot keep what is done"));
 
+    // It may even start on it.
+    farm.broker().send(SIGKILL);
+    REQUIRE(farm.broker().wait_for_exit(patience).has_value());
+    farm.start_broker_again();
+    broker_says("nothing can be kept, so nothing is handed out");
+
     const rlimit none{RLIM_INFINITY, RLIM_INFINITY};
     REQUIRE(::prlimit(farm.broker().pid(), RLIMIT_FSIZE, &none, nullptr) == 0);
     broker_says("what is done is kept again");

@@ -4,6 +4,7 @@
 #include <csignal>
 #include <fstream>
 #include <regex>
+#include <sys/stat.h>
 
 using namespace fraja;
 using namespace fraja::e2e;
@@ -180,6 +181,22 @@ TEST_CASE("an interrupt leaves the job running and says how to go on") {
     farm.add_worker("late");
     Process watcher = farm.watch("cone");
     CHECK(watcher.wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("a signal is heard while a scene is read from a pipe") {
+    const Scratch scratch;
+    const std::string pipe = scratch.file("scene.raj");
+    for (const Words& words :
+         {Words{"-o", scratch.file("x.png")},
+          Words{"-o", scratch.file("%d.png"), "--travel", scene("travels/cone")}}) {
+        fs::remove(pipe);
+        REQUIRE(mkfifo(pipe.c_str(), 0600) == 0);
+        auto waiting = Process::start({with({program("fraja-submit"), pipe, "--local"}, words)});
+        REQUIRE(waiting.has_value());
+        const std::ofstream writer(pipe); // it reads now
+        waiting->send(SIGTERM);           // SIGINT may be ignored where tests run in the background
+        CHECK(waiting->wait_for_exit(patience) == -SIGTERM);
+    }
 }
 
 TEST_CASE("help opens with examples and version says the version") {

@@ -201,6 +201,52 @@ TEST_CASE("a worker finds its broker again") {
     CHECK(farm.submit({scene("cone"), "-r", "20x15", "-o", scratch.file("c.png")}).exit == 0);
 }
 
+TEST_CASE("what a killed broker had of a picture is not drawn again") {
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    const std::string state = scratch.file("state");
+    Farm farm({"--heartbeat", heartbeat_option, "--state", state});
+    const std::string job = farm.detach(long_picture());
+    Process watcher = farm.watch_from_the_start(job, {"--json", "-o", scratch.file("farm.png")});
+    Process& first = farm.add_worker("first");
+    wait_for_tiles(watcher, 10);
+    farm.broker().send(SIGKILL);
+    CHECK(farm.broker().wait_for_exit(patience) == -SIGKILL);
+    first.send(SIGKILL); // so that it answers no second broker with what it still has
+    CHECK(first.wait_for_exit(patience) == -SIGKILL);
+    farm.start_broker_again();
+    const auto asked = [&](const Words& words) {
+        const auto answer =
+            run({with({program("fraja-ctl"), "-b", farm.endpoint(), "--json"}, words)}, patience);
+        REQUIRE(answer.has_value());
+        INFO(answer->err);
+        REQUIRE(answer->exit == 0);
+        return nlohmann::json::parse(answer->out);
+    };
+    const auto found = asked({"show", job});
+    const int done = found.at("done_count"), all = found.at("cell_count");
+    CHECK(done > 0); // who watches may have seen some that were not written yet
+    CHECK(done < all);
+    farm.add_worker("second");
+    CHECK(watcher.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("farm.png")) == want));
+    CHECK(asked({"workers"}).at("tiles_done") == all - done); // of a cell each
+
+    farm.broker().send(SIGTERM);
+    CHECK(farm.broker().wait_for_exit(patience) == 0);
+    for (const auto& [directory, says] :
+         {std::pair{state, "1 job(s), 1 of them over, " + std::to_string(all) + " tile(s)"},
+          std::pair{scratch.file("none"), std::string("there is no such store")}}) {
+        const auto checked =
+            run({{program("fraja-broker"), "--state", directory, "--check"}}, patience);
+        REQUIRE(checked.has_value());
+        INFO(checked->out << checked->err);
+        CHECK(checked->exit == 0);
+        CHECK(contains(checked->out, says));
+    }
+    CHECK_FALSE(fs::exists(scratch.file("none")));
+}
+
 // Passes that were complete come again: they belong to a new picture.
 TEST_CASE("a picture of passes whose job the broker has lost begins anew") {
     const Scratch scratch;

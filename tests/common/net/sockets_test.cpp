@@ -283,6 +283,24 @@ TEST_CASE("a callee speaks to whoever calls, and to nobody before") {
     await_words(callee, "welcome");
 }
 
+TEST_CASE("a thousand callers may wait for their turn, and no more") {
+    const Context context;
+    CalleeSocket callee = callee_on(context, "inproc://callee");
+    auto callers = RouterSocket::bind(context, "inproc://callers");
+    REQUIRE(callers.has_value());
+    constexpr std::uint64_t waiting_max = 1'000;
+    for (std::uint64_t i = 0; i < waiting_max + 50; ++i)
+        REQUIRE(callers->call(callee.endpoint()).has_value());
+    while (callee.caller() == 0)
+        CHECK_FALSE(callee.receive().has_value());
+    for (int i = 0; i < 10; ++i) // the rest of the calls
+        CHECK_FALSE(callee.receive().has_value());
+    std::uint64_t turns = 0;
+    for (; callee.caller() != 0; callee.hang_up(true))
+        ++turns;
+    CHECK(turns == waiting_max + 1);
+}
+
 TEST_CASE("a callee that comes late, or again, is called") {
     const Context context;
     std::string endpoint;
