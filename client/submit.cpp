@@ -22,7 +22,7 @@
 namespace fraja::client {
 namespace {
 
-constexpr Duration look_around = std::chrono::seconds(1); // for what becomes of our own farm
+constexpr Duration farm_look_pause = std::chrono::seconds(1); // what has become of our own
 
 std::string joined(const std::vector<std::string>& endpoints) {
     std::string all;
@@ -46,7 +46,7 @@ public:
         const Instant redraw = progress_.tick(now);
         gave_up_ = waits_for_workers() && now >= give_up_at_;
         return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
-                         farm_ ? now + look_around : Instant::never()});
+                         farm_ ? now + farm_look_pause : Instant::never()});
     }
     std::optional<Outcome> wants_to_leave() override {
         if (auto fault = farm_ ? farm_->fault() : std::nullopt)
