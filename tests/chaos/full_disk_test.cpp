@@ -7,14 +7,6 @@
 using namespace fraja;
 using namespace fraja::e2e;
 
-namespace {
-
-bool has(std::string_view text, std::string_view part) {
-    return text.find(part) != std::string_view::npos;
-}
-
-} // namespace
-
 // To the broker a limit on the size of files is a disk that is full, and lifting it is room.
 TEST_CASE("a job waits while the disk is full, and comes out right") {
     const Scratch scratch;
@@ -26,8 +18,7 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     farm.add_worker("one");
     const std::string job = farm.detach(picture);
     const auto broker_says = [&](std::string_view what) {
-        const auto line = farm.broker().wait_for_line(
-            Process::Stream::err, [&](std::string_view l) { return has(l, what); }, patience);
+        const auto line = farm.broker().wait_for_words(Process::Stream::err, what, patience);
         INFO(farm.broker().story());
         CHECK(line.has_value());
     };
@@ -35,7 +26,7 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     const auto shown = run({{program("fraja-ctl"), "-b", farm.endpoint(), "show", job}}, patience);
     REQUIRE(shown.has_value());
     INFO(shown->out << shown->err);
-    CHECK(has(shown->out, "waiting: the broker cannot keep what is done"));
+    CHECK(contains(shown->out, "waiting: the broker cannot keep what is done"));
 
     // It may even start on it.
     farm.broker().send(SIGKILL);
@@ -55,5 +46,5 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     REQUIRE(checked.has_value());
     INFO(checked->out << checked->err);
     CHECK(checked->exit == 0);
-    CHECK(has(checked->out, "80 tile(s)"));
+    CHECK(contains(checked->out, "80 tile(s)"));
 }

@@ -197,9 +197,7 @@ Duration written_at(std::string_view line) {
 /// A machine that is a tenth as fast as it was, until the line comes.
 std::optional<std::string> slowed_until(Process& slow, Process& speaker, const std::string& words) {
     const auto has_come = [&](Duration timeout) {
-        return speaker.wait_for_line(
-            Process::Stream::err,
-            [&](std::string_view l) { return l.find(words) != std::string_view::npos; }, timeout);
+        return speaker.wait_for_words(Process::Stream::err, words, timeout);
     };
     std::optional<std::string> line;
     for (const Instant end = net::now() + patience; !line && net::now() < end;) {
@@ -259,12 +257,8 @@ TEST_CASE("chaos: whoever was too late stops at once and goes on with something 
         CHECK(watcher.wait_for_exit(patience) == 0);
         Process last = farm.watch(next, {"--json"});
         CHECK(last.wait_for_exit(patience) == 0);
-        const auto said = farm.worker(0).wait_for_line(
-            Process::Stream::err,
-            [&](std::string_view l) {
-                return l.find(" of job " + next.substr(0, 8) + ": done") != std::string_view::npos;
-            },
-            patience);
+        const auto said = farm.worker(0).wait_for_words(
+            Process::Stream::err, " of job " + next.substr(0, 8) + ": done", patience);
         REQUIRE(said.has_value());
         measured = freed(farm.worker(0).err(), job, next);
     }

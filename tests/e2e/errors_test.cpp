@@ -172,8 +172,7 @@ TEST_CASE("an interrupt leaves the job running and says how to go on") {
     const Scratch scratch;
     Farm farm;
     Process client = farm.start_submit({scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")});
-    const auto queued = client.wait_for_line(
-        Process::Stream::err, [](std::string_view l) { return contains(l, ": job "); }, patience);
+    const auto queued = client.wait_for_words(Process::Stream::err, ": job ", patience);
     REQUIRE(queued.has_value());
     client.send(SIGINT);
     CHECK(client.wait_for_exit(patience) == 130);

@@ -99,12 +99,8 @@ void Farm::start_broker_again() {
 Process& Farm::add_worker(const std::string& name, Words options, Words env) {
     workers_.push_back(start(
         with({program("fraja-worker"), "-b", endpoint_, "--name", name}, options), std::move(env)));
-    const auto here = broker_->wait_for_line(
-        Process::Stream::err,
-        [&](std::string_view l) {
-            return l.find("worker " + name + " is here") != std::string_view::npos;
-        },
-        patience);
+    const auto here =
+        broker_->wait_for_words(Process::Stream::err, "worker " + name + " is here", patience);
     INFO(workers_.back().story());
     REQUIRE(here.has_value());
     return workers_.back();
@@ -148,10 +144,7 @@ Process Farm::watch(const std::string& job, Words options) {
 
 Process Farm::watch_from_the_start(const std::string& job, const Words& json_options) {
     Process watcher = watch(job, json_options);
-    const auto line = watcher.wait_for_line(
-        Process::Stream::out,
-        [](std::string_view l) { return l.find("fraja.job/1") != std::string_view::npos; },
-        patience);
+    const auto line = watcher.wait_for_words(Process::Stream::out, "fraja.job/1", patience);
     INFO(watcher.story());
     REQUIRE(line.has_value());
     return watcher;

@@ -10,10 +10,8 @@ namespace {
 /// The broker has given the first worker up, and tiles of it back to the queue: so the job was
 /// under way.
 void wait_until_first_is_lost(Farm& farm) {
-    const auto line = farm.broker().wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("worker first is gone") != std::string_view::npos; },
-        patience);
+    const auto line =
+        farm.broker().wait_for_words(Process::Stream::err, "worker first is gone", patience);
     REQUIRE(line.has_value());
     CHECK(line->find("; 0 tile(s) requeued") == std::string::npos);
 }
@@ -79,25 +77,16 @@ TEST_CASE("a worker told twice to leave hands its tile back at once") {
     farm.detach(
         {scene("overlapping_spheres"), "-r", "640x480", "-a", "16", "--tile", "640"}); // minutes
     // It fetches the scene for a tile that it has.
-    REQUIRE(worker
-                .wait_for_line(
-                    Process::Stream::err,
-                    [](std::string_view l) { return l.find("fetched ") != std::string_view::npos; },
-                    patience)
-                .has_value());
+    REQUIRE(worker.wait_for_words(Process::Stream::err, "fetched ", patience).has_value());
     // One at a time: two signals of a kind that come together are one.
     worker.send(SIGTERM);
-    const auto leaving = worker.wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("leaving with 1 tiles") != std::string_view::npos; },
-        patience);
+    const auto leaving =
+        worker.wait_for_words(Process::Stream::err, "leaving with 1 tiles", patience);
     REQUIRE(leaving.has_value());
     worker.send(SIGTERM);
     CHECK(worker.wait_for_exit(patience) == 128 + SIGTERM);
-    const auto gone = farm.broker().wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("worker first is gone") != std::string_view::npos; },
-        patience);
+    const auto gone =
+        farm.broker().wait_for_words(Process::Stream::err, "worker first is gone", patience);
     REQUIRE(gone.has_value());
     CHECK(gone->find("(it said goodbye); 0 tile(s)") != std::string::npos); // all answered for
     CHECK(farm.broker().err().find("failed on first") == std::string::npos);
@@ -152,9 +141,7 @@ TEST_CASE("a job waits for workers that come later") {
     Farm farm;
     Process client =
         farm.start_submit({scene("cone"), "-r", "40x30", "-o", scratch.file("cone.png")});
-    const auto queued = farm.broker().wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("queued") != std::string_view::npos; }, patience);
+    const auto queued = farm.broker().wait_for_words(Process::Stream::err, "queued", patience);
     CHECK(queued.has_value());
     farm.add_worker("late");
     CHECK(client.wait_for_exit(patience) == 0);
@@ -166,9 +153,7 @@ TEST_CASE("every program ends with 0 or its signal when it is told to") {
     const Scratch scratch;
     Farm farm;
     Process client = farm.start_submit({scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")});
-    const auto accepted = client.wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find(": job ") != std::string_view::npos; }, patience);
+    const auto accepted = client.wait_for_words(Process::Stream::err, ": job ", patience);
     REQUIRE(accepted.has_value());
     Process watcher = farm.watch_from_the_start("cone", {"--json"});
     client.send(SIGTERM);
@@ -192,10 +177,7 @@ TEST_CASE("a worker finds its broker again") {
         Process::start({{program("fraja-broker"), "--bind", farm.endpoint(), "--publish",
                          "tcp://127.0.0.1:0", "--state", "none", "--heartbeat", heartbeat_option}});
     REQUIRE(again.has_value());
-    const auto here = again->wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("worker one is here") != std::string_view::npos; },
-        patience);
+    const auto here = again->wait_for_words(Process::Stream::err, "worker one is here", patience);
     INFO(worker.story());
     REQUIRE(here.has_value());
     CHECK(farm.submit({scene("cone"), "-r", "20x15", "-o", scratch.file("c.png")}).exit == 0);
@@ -255,9 +237,7 @@ TEST_CASE("a picture of passes whose job the broker has lost begins anew") {
     Process client = farm.start_submit({scene("cone"), "-r", "8x6", "--tile", "8", "--time-limit",
                                         "10m", "--max-samples", "65536", "--name", "passes", "-o",
                                         scratch.file("passes.exr")});
-    const auto accepted = client.wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find(": job ") != std::string_view::npos; }, patience);
+    const auto accepted = client.wait_for_words(Process::Stream::err, ": job ", patience);
     REQUIRE(accepted.has_value());
     constexpr int some_passes = 4; // of one tile each
     Process before = farm.watch_from_the_start("passes", {"--json"});
@@ -265,10 +245,7 @@ TEST_CASE("a picture of passes whose job the broker has lost begins anew") {
     farm.broker().send(SIGKILL);
     CHECK(farm.broker().wait_for_exit(patience) == -SIGKILL);
     farm.start_broker_again();
-    const auto again = client.wait_for_line(
-        Process::Stream::err,
-        [](std::string_view l) { return l.find("submitted again") != std::string_view::npos; },
-        patience);
+    const auto again = client.wait_for_words(Process::Stream::err, "submitted again", patience);
     INFO(client.story());
     REQUIRE(again.has_value());
     Process after = farm.watch_from_the_start("passes", {"--json"});

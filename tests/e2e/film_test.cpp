@@ -174,10 +174,7 @@ TEST_CASE("a film that is left goes on with what was begun, and is taken over") 
     const Words words = film(scratch.file("%d.png"), {"--frames", "1-3", "--progress", "json"});
     Process left = farm.start_submit(words);
     // It looks around for as long as it lives, and says something as long as something changes.
-    const auto first = left.wait_for_line(
-        Process::Stream::err,
-        [](std::string_view line) { return line.find("film_progress") != std::string_view::npos; },
-        patience);
+    const auto first = left.wait_for_words(Process::Stream::err, "film_progress", patience);
     REQUIRE_MESSAGE(first.has_value(), left.story());
     const auto progress = nlohmann::json::parse(*first);
     CHECK(progress.at("schema") == "fraja.film_progress/1");
@@ -253,9 +250,7 @@ TEST_CASE("a film outlives its broker, also where a frame is begun without one")
     REQUIRE(farm.broker().wait_for_exit(patience).has_value());
     drawn.send(SIGCONT);
     const auto said = [&](std::string_view words) {
-        return drawn.wait_for_line(
-            Process::Stream::err, [words](std::string_view line) { return contains(line, words); },
-            patience);
+        return drawn.wait_for_words(Process::Stream::err, words, patience);
     };
     REQUIRE_MESSAGE(said("frame 1: "), drawn.story());
     REQUIRE_MESSAGE(said("lost the broker"), drawn.story());

@@ -76,11 +76,7 @@ TEST_CASE("a worker draws a scene with both kernels at once, each for whom it is
     Process client_a = farm.start_submit(with(fast, {"-o", scratch.file("a.exr")}));
     Process client_b = farm.start_submit(with(reference, {"-o", scratch.file("b.exr")}));
     for (Process* client : {&client_a, &client_b})
-        REQUIRE(client
-                    ->wait_for_line(
-                        Process::Stream::err,
-                        [](std::string_view l) { return l.find(": job ") != l.npos; }, patience)
-                    .has_value());
+        REQUIRE(client->wait_for_words(Process::Stream::err, ": job ", patience).has_value());
     farm.add_worker("one", {"-j", "2"});
     CHECK(client_a.wait_for_exit(patience) == 0);
     CHECK(client_b.wait_for_exit(patience) == 0);

@@ -266,6 +266,12 @@ std::optional<std::string> Process::wait_for_line(Stream stream,
     }
 }
 
+std::optional<std::string> Process::wait_for_words(Stream stream, std::string_view words,
+                                                   Duration timeout) {
+    return wait_for_line(
+        stream, [words](std::string_view line) { return line.find(words) != line.npos; }, timeout);
+}
+
 std::optional<int> Process::wait_for_exit(Duration timeout) {
     const auto deadline = Clock::now() + timeout;
     while (!state_->exit) {

@@ -44,6 +44,10 @@ public:
     [[nodiscard]] std::optional<std::string>
     wait_for_line(Stream stream, std::function<bool(std::string_view)> wanted, Duration timeout);
 
+    /// The first line that has these words in it; else as above.
+    [[nodiscard]] std::optional<std::string> wait_for_words(Stream stream, std::string_view words,
+                                                            Duration timeout);
+
     /// The exit code, or minus the signal that ended it; nothing when it still runs after
     /// `timeout`. May be asked again. What is left of its process group is killed.
     [[nodiscard]] std::optional<int> wait_for_exit(Duration timeout);

@@ -74,6 +74,8 @@ TEST_CASE("wait_for_line finds lines past and to come and sees the end of them")
     CHECK(process->wait_for_line(
               Stream::out, [&](auto) { return ++count == 2; }, soon) == "two");
     CHECK_FALSE(process->wait_for_line(Stream::out, is("four"), soon).has_value());
+    CHECK(process->wait_for_words(Stream::err, "hre", soon) == "three");
+    CHECK_FALSE(process->wait_for_words(Stream::out, "unfinished", soon).has_value()); // no line
     CHECK(process->wait_for_exit(soon) == 0);
     CHECK(process->out() == "one\ntwo\nunfinished");
 }
