@@ -14,9 +14,9 @@ namespace fs = std::filesystem;
 // of the protocol they are of (protocol::decode_kept). What must be found or changed is beside
 // them. Times are nanoseconds, since 1970 where a name ends in _at.
 //
-// Pixels are apart, so that a start reads of a tile some hundred bytes and not its pages; they lie
-// in the order in which they came. Scenes are cut in pieces, since SQLite holds at most 10^9 bytes
-// in one.
+// Pixels are apart, so that what a broker makes of a tile when it starts is some hundred bytes;
+// they lie in the order in which they came. Scenes are cut in pieces, since SQLite holds at most
+// 10^9 bytes in one.
 constexpr const char* tables = R"(
 CREATE TABLE farm (last_number INTEGER NOT NULL, epoch INTEGER NOT NULL) STRICT;
 INSERT INTO farm VALUES (0, 0);
