@@ -233,7 +233,10 @@ private:
         one.state->number = report_.frames[index].number;
         one.state->output = frame_file(options_.output, one.state->number);
         one.state->connected = connected_;
-        one.thread = std::jthread([this, &state = *one.state, session = session_] {
+        SessionOptions session = session_;
+        if (accepted_) // who has been there once is waited for, as with a single picture
+            session.connect_timeout = for_ever;
+        one.thread = std::jthread([this, &state = *one.state, session = std::move(session)] {
             Result<Outcome> outcome =
                 guarded([&]() -> Result<Outcome> { return render_frame(state, session); });
             {
@@ -293,9 +296,6 @@ private:
             else
                 console_.warning("lost the broker at " + broker_ + "; looking for it");
         }
-        // Who has been there once is waited for, as with a single picture.
-        if (accepted_)
-            session_.connect_timeout = for_ever;
         for (const std::size_t index : over)
             end_frame(index);
     }

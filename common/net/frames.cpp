@@ -139,10 +139,6 @@ SendStatus send_blob(zmq::socket_t& socket, const Blob& blob, bool more) {
         more);
 }
 
-} // namespace
-
-namespace {
-
 /// What follows an envelope goes with it, or the connection has just ended. (After a refused
 /// routing id a message sent alone would be swallowed in silence: hence the early returns below.)
 SendStatus behind_envelope(SendStatus status) {

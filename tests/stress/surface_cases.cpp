@@ -376,10 +376,6 @@ std::uint64_t rays_that_leave(Rng& rng, std::uint64_t rays, double radius, doubl
     return left;
 }
 
-} // namespace
-
-namespace {
-
 template <class Form>
 std::uint64_t entry_differs(Rng& rng, const Form& form, const Vec3& origin, const Vec3& dir) {
     const auto surface = surface_of(form);
