@@ -7,6 +7,7 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/cli/command_line.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "worker/options.hpp"
@@ -27,6 +28,7 @@ namespace {
 
 using namespace fraja;
 
+constexpr const char* program = "fraja-broker";
 constexpr const char* examples = R"(Examples:
   fraja-broker                                   a broker for this machine
   fraja-broker --bind tcp://127.0.0.1:0          on a port the system chooses; it is printed
@@ -55,9 +57,15 @@ std::string default_state() {
     return "none";
 }
 
+constexpr int usage_or_configuration = 2;
+
 int usage_error(const std::string& message) {
-    fmt::print(stderr, "fraja-broker: {}\n", message);
-    return 2;
+    return cli::leave(cli::usage_error(program, message));
+}
+
+int fail(const std::string& message) {
+    fmt::print(stderr, "{}: error: {}\n", program, printable(message));
+    return usage_or_configuration;
 }
 
 /// Of so many failures within a time: `3/10m`.
@@ -121,10 +129,10 @@ int check_state(const std::string& state) {
     auto reader = store ? broker::StoreReader::open(*store) : store.error();
     const auto restored = reader ? broker::restore(*store, *reader) : reader.error();
     if (!restored)
-        return usage_error(restored.error().message);
+        return fail(restored.error().message);
     const broker::Contents& contents = restored->contents;
     if (const auto sound = broker::check_bytes(contents, *reader); !sound)
-        return usage_error(sound.error().message);
+        return fail(sound.error().message);
     std::size_t tiles = 0, over = 0;
     for (const broker::StoredJob& job : contents.jobs) {
         tiles += job.tiles.size();
@@ -151,7 +159,7 @@ spdlog::level::level_enum to_spdlog(broker::LogLevel level) {
 
 void add_options(CLI::App& app, Arguments& arguments) {
     broker::Options& options = arguments.options;
-    app.set_version_flag("--version", version_line("fraja-broker"));
+    app.set_version_flag("--version", version_line(program));
     app.add_option("--bind", options.bind,
                    "Where workers and clients connect; port 0: the system chooses")
         ->envname("FRAJA_BIND")
@@ -163,6 +171,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
            "--state", arguments.state,
            "Directory where jobs, scenes and finished tiles are kept, so that a broker that is "
            "started again goes on with them; none: in memory alone")
+        ->envname("FRAJA_STATE")
         ->default_str("$XDG_STATE_HOME/fraja");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
@@ -204,13 +213,10 @@ int main(int argc, char** argv) {
     keep_all_freed_memory(); // the next picture needs as much
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     Arguments arguments;
-    CLI::App app(examples);
+    CLI::App app(examples, program);
     add_options(app, arguments);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e) == 0 ? 0 : 2;
-    }
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+        return cli::leave(*early);
 
     broker::Options& options = arguments.options;
     const auto heartbeat = parse_duration(arguments.heartbeat),
@@ -237,7 +243,7 @@ int main(int argc, char** argv) {
     if (arguments.state != "none")
         options.state = arguments.state;
 
-    const auto logger = spdlog::stderr_color_mt("fraja-broker");
+    const auto logger = spdlog::stderr_color_mt(program);
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));
     options.signals = &signals;
@@ -258,6 +264,6 @@ int main(int argc, char** argv) {
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
     if (!ran)
-        return usage_error(ran.error().message);
+        return fail(ran.error().message);
     return 0;
 }

@@ -107,37 +107,6 @@ Result<SharedOptions> SharedArguments::read() const {
     return options;
 }
 
-std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments) {
-    std::ranges::reverse(arguments); // as CLI11 wants them
-    try {
-        app.parse(std::move(arguments));
-        return std::nullopt;
-    } catch (const CLI::CallForVersion& e) {
-        return EarlyExit{0, std::string(e.what()) + "\n"};
-    } catch (const CLI::CallForHelp&) {
-        return EarlyExit{0, app.help()};
-    } catch (const CLI::CallForAllHelp&) {
-        return EarlyExit{0, app.help("", CLI::AppFormatMode::All)};
-    } catch (const CLI::ParseError& e) {
-        return usage_error(app.get_name(), e.what());
-    }
-}
-
-EarlyExit usage_error(std::string_view program, std::string_view message) {
-    const std::string name(program);
-    return {static_cast<int>(ExitCode::usage),
-            name + ": error: " + printable(message) + " (" + name + " --help)\n"};
-}
-
-int leave(const EarlyExit& exit) {
-    std::fputs(exit.text.c_str(), exit.code == 0 ? stdout : stderr);
-    return exit.code;
-}
-
-std::vector<std::string> arguments_of(int argc, char** argv) {
-    return {argv + std::min(argc, 1), argv + argc};
-}
-
 SessionOptions session_options(const SharedOptions& shared) {
     char host[256] = {};
     gethostname(host, sizeof host - 1);

@@ -140,7 +140,8 @@ void add_job_options(CLI::App& app, Arguments& a) {
     app.add_flag("--local", o.local, "Render in this process: no daemon needed");
     const auto direct = [&a](const std::vector<std::string>& workers) {
         a.direct.insert(a.direct.end(), workers.begin(), workers.end()); // of each mention
-        a.broker->envname(""); // the environment's broker is for jobs that want one
+        a.broker->envname("")->configurable(
+            false); // a broker that is set is for jobs that want one
     };
     app.add_option_function<std::vector<std::string>>(
            "--direct", direct,
@@ -369,15 +370,15 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
-    if (auto early = parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
     for (const auto read :
          {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
         if (const auto good = read(a); !good)
-            return usage_error(submit_name, good.error().message);
+            return cli::usage_error(submit_name, good.error().message);
     auto shared = a.shared.read();
     if (!shared)
-        return usage_error(submit_name, shared.error().message);
+        return cli::usage_error(submit_name, shared.error().message);
     a.options.shared = *std::move(shared);
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;

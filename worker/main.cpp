@@ -1,7 +1,9 @@
 // fraja-worker: reads the options and runs the worker.
 #include "common/base/freed_memory.hpp"
 #include "common/base/guarded.hpp"
+#include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/cli/command_line.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
@@ -25,6 +27,7 @@ namespace {
 
 using namespace fraja;
 
+constexpr const char* program = "fraja-worker";
 constexpr const char* examples = R"(Examples:
   fraja-worker                                   serve the broker on this machine with every CPU
   fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
@@ -40,7 +43,7 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixel
 
 constexpr const char* no_isa = "no instruction set to render with";
 
-enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
+enum Exit : int { done = 0, configuration = 2, refused = 4, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
@@ -49,14 +52,18 @@ struct Arguments {
 };
 
 int usage_error(const std::string& message) {
-    fmt::print(stderr, "fraja-worker: {}\n", message);
-    return Exit::usage;
+    return cli::leave(cli::usage_error(program, message));
+}
+
+int fail(const std::string& message) {
+    fmt::print(stderr, "{}: error: {}\n", program, printable(message));
+    return Exit::configuration;
 }
 
 void add_options(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
     app.set_version_flag("--version",
-                         version_line("fraja-worker", kernel::instruction_set().value_or(no_isa)));
+                         version_line(program, kernel::instruction_set().value_or(no_isa)));
     CLI::Option* const broker =
         app.add_option("-b,--broker", options.brokers,
                        "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
@@ -65,7 +72,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
             ->default_str(net::default_broker);
     const auto listen = [&options, broker](const std::string& endpoint) {
         options.listen = endpoint;
-        broker->envname(""); // the environment's broker is for workers that want one
+        broker->envname("")->configurable(
+            false); // a broker that is set is for workers that want one
     };
     app.add_option_function<std::string>(
            "--listen", listen,
@@ -184,7 +192,7 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
     }
     thread.join();
     if (!*outcome)
-        return usage_error(outcome->error().message);
+        return fail(outcome->error().message);
     return exit_code(**outcome, last_signal);
 }
 
@@ -196,26 +204,23 @@ int main(int argc, char** argv) try {
     Arguments arguments;
     arguments.options.threads = worker::usable_cpu_count();
     arguments.options.name = worker::default_worker_name();
-    CLI::App app(examples, "fraja-worker");
+    CLI::App app(examples, program);
     add_options(app, arguments);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e) == 0 ? Exit::done : Exit::usage;
-    }
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+        return cli::leave(*early);
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(completed.error().message);
     const auto isa = kernel::instruction_set();
     if (!isa)
-        return usage_error(isa.error().message);
+        return fail(isa.error().message);
 
     options.on_listening = [](const std::vector<std::string>& endpoints) {
         for (const std::string& endpoint : endpoints)
             fmt::print("listening {}\n", endpoint);
         std::fflush(stdout);
     };
-    const auto logger = spdlog::stderr_color_mt("fraja-worker");
+    const auto logger = spdlog::stderr_color_mt(program);
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));
     options.on_log = [&](worker::LogLevel level, const std::string& text) {

@@ -1,7 +1,7 @@
 #include "common/image_io/picture_file.hpp"
 
-#include "common/base/ids.hpp"
 #include "tests/support/file_bytes.hpp"
+#include "tests/support/folder.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,19 +20,6 @@ using namespace fraja;
 namespace fs = std::filesystem;
 
 namespace {
-
-/// A folder of its own for one test, gone with it.
-struct Folder {
-    fs::path path = fs::temp_directory_path() / ("fraja-test-" + to_string(random_id<Nonce>()));
-    Folder() { fs::create_directory(path); }
-    ~Folder() { fs::remove_all(path); }
-    Folder(const Folder&) = delete;
-    Folder& operator=(const Folder&) = delete;
-    fs::path operator/(std::string_view name) const { return path / name; }
-    [[nodiscard]] auto file_count() const {
-        return std::distance(fs::directory_iterator(path), fs::directory_iterator());
-    }
-};
 
 /// No file of this process grows beyond so many bytes while this lives: a full disk.
 class FullDisk {
