@@ -163,8 +163,7 @@ private:
         if (!has_picture || !catcher.picture)
             return outcome;
         const protocol::JobState& job = *catcher.job;
-        if (const auto written =
-                catcher.picture->write(command.output, picture_attributes(job.scene, job.settings));
+        if (const auto written = catcher.picture->write(command.output, job, command.encoding);
             !written)
             return {ExitCode::usage, written.error().message};
         if (options_.shared.json)

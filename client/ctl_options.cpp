@@ -1,6 +1,5 @@
 #include "client/ctl_options.hpp"
 
-#include "common/image_io/picture_file.hpp"
 #include "common/protocol/limits.hpp"
 
 #include <CLI/CLI.hpp>
@@ -25,6 +24,7 @@ beginning of one, or a name.
 
 Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     SharedArguments shared;
+    EncodingArguments encoding;
     std::string job, worker, output;
     std::int32_t priority = 0;
     bool yes = false;
@@ -69,6 +69,7 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     CLI::App* get = command("get", "Write the picture as far as it is");
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
+    encoding.add_to(*get);
     if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
 
@@ -81,9 +82,9 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
         return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no WORKER: it is too long");
-    if (get->parsed())
-        if (const auto kind = pixel_kind(output); !kind)
-            return cli::usage_error(ctl_name, kind.error().message);
+    const auto how = encoding.read(output);
+    if (!how)
+        return cli::usage_error(ctl_name, how.error().message);
     if (jobs->parsed())
         options.command = ListJobs{};
     else if (workers->parsed())
@@ -91,7 +92,7 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     else if (show->parsed())
         options.command = ShowJob{job};
     else if (get->parsed())
-        options.command = GetPicture{job, output};
+        options.command = GetPicture{job, output, *how};
     for (const auto& [deed, sub] : deeds)
         if (sub->parsed())
             options.command = ControlJob{job, deed, priority, yes};

@@ -30,6 +30,7 @@ struct ControlWorker {
 struct GetPicture {
     std::string job;
     std::string output;
+    PictureEncoding encoding;
 };
 using CtlCommand =
     std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker, GetPicture>;

@@ -1,5 +1,6 @@
 #include "client/json.hpp"
 
+#include "client/settings_text.hpp"
 #include "common/image/quantise.hpp"
 
 #include <ctime>
@@ -38,6 +39,7 @@ Json settings_object(const protocol::PictureSettings& s) {
             {"max_samples", s.max_samples},
             {"filter", to_string(s.filter)},
             {"time_limit_s", seconds(s.time_limit)},
+            {"layers", s.layers},
             {"exact", s.exact},
             {"kernel", to_string(s.kernel)}};
 }

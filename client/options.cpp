@@ -36,6 +36,8 @@ constexpr Names<ProgressMode, 5> progress_modes{{{{"auto", ProgressMode::automat
                                                   {"plain", ProgressMode::plain},
                                                   {"json", ProgressMode::json},
                                                   {"none", ProgressMode::none}}}};
+constexpr Names<Transfer, 3> transfers{
+    {{{"raja", Transfer::raja}, {"srgb", Transfer::srgb}, {"linear", Transfer::linear}}}};
 constexpr Names<ColorChoice, 3> color_choices{{{{"auto", ColorChoice::automatic},
                                                 {"always", ColorChoice::always},
                                                 {"never", ColorChoice::never}}}};
@@ -105,6 +107,31 @@ Result<SharedOptions> SharedArguments::read() const {
     options.console = {program_, log_levels.of(log_level_), color_choices.of(color_)};
     options.json = json_;
     return options;
+}
+
+void EncodingArguments::add_to(CLI::App& app) {
+    app.add_option("--transfer", transfer_,
+                   "From light to the levels of 8-bit pictures: raja (as Raja: no gamma), srgb "
+                   "(the curve of displays), linear (no gamma, the nearest level)")
+        ->check(CLI::IsMember(transfers.list()))
+        ->default_str("raja")
+        ->type_name("CURVE");
+    app.add_flag("--half", half_, "Colours of an .exr as 16-bit floats, and so half as large");
+}
+
+Result<PictureEncoding> EncodingArguments::read(const std::string& output) const {
+    PictureEncoding encoding{transfer_.empty() ? Transfer::raja : transfers.of(transfer_), half_};
+    if (output.empty())
+        return encoding;
+    const auto kind = pixel_kind(output);
+    if (!kind)
+        return invalid_option(kind.error().message);
+    if (*kind == PixelKind::radiance && !transfer_.empty())
+        return invalid_option("--transfer " + transfer_ + ": " + output +
+                              " holds light itself, not levels; leave it out, or choose .png");
+    if (*kind == PixelKind::levels8 && half_)
+        return invalid_option("--half is for .exr: " + output + " has 8 bits for each colour");
+    return encoding;
 }
 
 SessionOptions session_options(const SharedOptions& shared) {

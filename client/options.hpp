@@ -6,6 +6,7 @@
 #include "common/base/result.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/command_line.hpp"
+#include "common/image_io/picture_file.hpp"
 
 #include <cstddef>
 #include <string>
@@ -40,6 +41,19 @@ private:
     std::vector<std::string> brokers_;
     std::string connect_timeout_ = "10s", progress_ = "auto", color_ = "auto", log_level_ = "info";
     bool json_ = false;
+};
+
+/// --transfer and --half, which say how an output's numbers are written.
+class EncodingArguments {
+public:
+    /// This must outlive the parsing.
+    void add_to(CLI::App& app);
+    /// Errors: the output is of a format that they say nothing to.
+    [[nodiscard]] Result<PictureEncoding> read(const std::string& output) const;
+
+private:
+    std::string transfer_;
+    bool half_ = false;
 };
 
 /// For keep_freed_memory(): little, as a picture is memory enough.

@@ -1,7 +1,6 @@
 #include "client/picture.hpp"
 
-#include "common/base/text.hpp"
-#include "common/base/version.hpp"
+#include "client/settings_text.hpp"
 #include "common/image/quantise.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/passes.hpp"
@@ -39,6 +38,8 @@ Tile tile_of(const protocol::TileDone& done, const protocol::PictureSettings& se
         tile.variance = next(pixels);
         tile.cut = next(pixels);
     }
+    if (settings.layers)
+        tile.layers = next(layer_names.size() * pixels);
     floats.resize(3 * pixels);
     tile.rgb = std::move(floats);
     return tile;
@@ -55,9 +56,8 @@ PassFilm pass_film(const protocol::PictureSettings& settings, std::uint32_t cell
 } // namespace
 
 Picture::Picture(const protocol::PictureSettings& settings)
-    : settings_(settings),
-      film_(settings.size, settings.crop,
-            settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours) {}
+    : settings_(settings), film_(settings.size, settings.crop,
+                                 {.estimates = settings.estimates(), .layers = settings.layers}) {}
 
 void Picture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
     if (tile.pass == 0)
@@ -90,71 +90,22 @@ std::optional<Estimate> Picture::estimate() const {
     return e;
 }
 
-Result<void> Picture::write(const std::filesystem::path& path,
-                            const std::vector<PictureAttribute>& attributes) const {
-    std::vector<PictureAttribute> more = attributes;
+Result<void> Picture::write(const std::filesystem::path& path, const protocol::JobState& job,
+                            const PictureEncoding& encoding) const {
+    std::vector<PictureAttribute> more = picture_attributes(job);
     if (passes_)
         more.push_back({"fraja:passes", std::to_string(passes_->passes_done())});
     if (const auto estimated = estimate())
         more.push_back({"fraja:rms_error", fmt::format("{:.6g}", estimated->rms_error)});
-    return write_picture(path, film(), more);
+    return write_picture(path, film(), more, encoding);
 }
 
-std::vector<PictureAttribute> picture_attributes(const ContentHash& scene,
-                                                 const protocol::PictureSettings& s) {
-    return {{"Software", "Fraja " + std::string(fraja::version)},
-            {"fraja:scene", fraja::to_string(scene)},
-            {"fraja:size", std::to_string(s.size.width) + "x" + std::to_string(s.size.height)},
-            {"fraja:depth", std::to_string(s.depth)},
-            {"fraja:aa", std::to_string(s.aa)},
-            {"fraja:spp", std::to_string(s.spp)},
-            {"fraja:error", fmt::format("{}", s.error)},
-            {"fraja:max_samples", std::to_string(s.max_samples)},
-            {"fraja:filter", to_string(s.filter)},
-            {"fraja:exact", s.exact ? "true" : "false"},
-            {"fraja:kernel", to_string(s.kernel)}};
-}
-
-std::string to_string(protocol::KernelChoice kernel) {
-    switch (kernel) {
-    case protocol::KernelChoice::reference:
-        return "reference";
-    case protocol::KernelChoice::fast:
-        return "fast";
-    }
-    return "unknown";
-}
-
-std::string to_string(protocol::PixelFilter filter) {
-    switch (filter) {
-    case protocol::PixelFilter::box:
-        return "box";
-    case protocol::PixelFilter::tent:
-        return "tent";
-    }
-    return "unknown";
-}
-
-std::string settings_text(const protocol::PictureSettings& s) {
-    std::string text = fmt::format("depth {}, ", s.depth);
-    if (s.error > 0)
-        text += fmt::format("error {} with at most {} samples, ", s.error, s.max_samples);
-    else if (s.limited_in_time())
-        text += fmt::format("time limit {} s with at most {} samples, ", seconds(s.time_limit),
-                            s.max_samples);
-    else if (s.spp > 0)
-        text += fmt::format("spp {}, ", s.spp);
-    else
-        text += fmt::format("aa {}, ", s.aa);
-    if (s.filter != protocol::PixelFilter::box)
-        text += fmt::format("filter {}, ", to_string(s.filter));
-    return text + (s.exact ? "exact, " : "") + "kernel " + to_string(s.kernel);
-}
-
-void LivePicture::begin(const protocol::JobState& job, std::filesystem::path path) {
+void LivePicture::begin(const protocol::JobState& job, std::filesystem::path path,
+                        const PictureEncoding& encoding) {
     picture_.emplace(job.settings);
     path_ = std::move(path);
-    attributes_ = picture_attributes(job.scene, job.settings);
+    job_ = job;
+    encoding_ = encoding;
 }
 
 void LivePicture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
@@ -180,7 +131,7 @@ Result<void> LivePicture::finish() {
     if (!changed_)
         return {};
     changed_ = false;
-    return picture_->write(path_, attributes_);
+    return picture_->write(path_, job_, encoding_);
 }
 
 } // namespace fraja::client

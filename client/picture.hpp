@@ -39,9 +39,10 @@ public:
     /// Nothing where the settings do not ask for it, or pixels are missing.
     [[nodiscard]] std::optional<Estimate> estimate() const;
 
-    /// Writes what is there. Errors: as write_picture().
+    /// Writes what is there of `job`, which the picture is of. Errors: as write_picture().
     [[nodiscard]] Result<void> write(const std::filesystem::path& path,
-                                     const std::vector<PictureAttribute>& attributes) const;
+                                     const protocol::JobState& job,
+                                     const PictureEncoding& encoding = {}) const;
 
 private:
     protocol::PictureSettings settings_;
@@ -50,21 +51,15 @@ private:
     std::uint64_t pixels_placed_ = 0;
 };
 
-/// What decides the pixels, and nothing else: two renders of one picture give the same file.
-[[nodiscard]] std::vector<PictureAttribute>
-picture_attributes(const ContentHash& scene, const protocol::PictureSettings& settings);
-
-[[nodiscard]] std::string to_string(protocol::KernelChoice kernel);
-[[nodiscard]] std::string to_string(protocol::PixelFilter filter);
-/// For people: what decides the pixels beside scene and size.
-[[nodiscard]] std::string settings_text(const protocol::PictureSettings& settings);
-
 /// A file that is kept as current as its writing allows: at most twice a second, and never more
 /// than a fifth of the time.
 class LivePicture {
 public:
     /// Call when the job is known; again, when another is: it starts anew.
-    void begin(const protocol::JobState& job, std::filesystem::path path);
+    void begin(const protocol::JobState& job, std::filesystem::path path,
+               const PictureEncoding& encoding = {});
+    /// What is written down beside the pixels.
+    void update(const protocol::JobState& job) { job_ = job; }
     void place(const protocol::TileDone& tile, std::uint32_t cell_count);
     /// Writes if that is due. Returns when it next is.
     [[nodiscard]] Result<Instant> tick(Instant now);
@@ -74,7 +69,8 @@ public:
 private:
     std::optional<Picture> picture_;
     std::filesystem::path path_;
-    std::vector<PictureAttribute> attributes_;
+    protocol::JobState job_;
+    PictureEncoding encoding_;
     bool changed_ = false;
     Instant due_{};
 };

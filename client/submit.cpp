@@ -5,6 +5,7 @@
 #include "client/picture.hpp"
 #include "client/progress_report.hpp"
 #include "client/scene_file.hpp"
+#include "client/settings_text.hpp"
 #include "client/shell.hpp"
 #include "client/submit_film.hpp"
 #include "client/table.hpp"
@@ -249,8 +250,9 @@ private:
     }
 
     Outcome write(const SubmitListener& listener) {
-        const auto attributes = picture_attributes(scene_.hash, options_.settings);
-        if (const auto written = listener.picture()->write(options_.output, attributes); !written) {
+        if (const auto written =
+                listener.picture()->write(options_.output, report_.job, options_.encoding);
+            !written) {
             const std::string cure =
                 options_.own_farm() ? ""
                                     : "; the job is done: fraja-ctl -b " + listener.broker() +
@@ -271,9 +273,8 @@ private:
         const auto& picture = listener.picture();
         if (!picture || picture->pixels_placed() == 0)
             return console_.warning("stopped before there was anything to save");
-        const auto attributes = picture_attributes(scene_.hash, options_.settings);
         const std::string output = unfinished_output();
-        if (const auto written = picture->write(output, attributes); !written)
+        if (const auto written = picture->write(output, report_.job, options_.encoding); !written)
             return console_.error(written.error().message);
         report_.output = output;
         const double share = static_cast<double>(picture->pixels_placed()) /

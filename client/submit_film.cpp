@@ -7,6 +7,7 @@
 #include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "client/progress_report.hpp"
+#include "client/settings_text.hpp"
 #include "client/shell.hpp"
 #include "common/base/guarded.hpp"
 #include "common/base/text.hpp"
@@ -267,8 +268,8 @@ private:
         Outcome outcome = run_submission(context_, std::move(request), listener, nullptr);
         if (outcome.code != ExitCode::done)
             return outcome;
-        if (const auto written = listener.picture()->write(
-                state.output, picture_attributes(scene->hash, options_.settings));
+        if (const auto written =
+                listener.picture()->write(state.output, *state.job, options_.encoding);
             !written)
             return {ExitCode::job_failed, written.error().message};
         return outcome;

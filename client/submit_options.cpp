@@ -39,6 +39,7 @@ constexpr double error_min = 0.001;
 /// What is typed, as it is typed.
 struct Arguments {
     SharedArguments shared;
+    EncodingArguments encoding;
     SubmitOptions options;
     std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
                             filter = "box", time_limit, timeout, frames;
@@ -52,6 +53,10 @@ void add_picture_options(CLI::App& app, Arguments& a) {
                    "Picture file: .png .tif .jpg .bmp .ppm .tga, or .exr (linear, with metadata)")
         ->default_str("scene name + .png")
         ->type_name("FILE");
+    a.encoding.add_to(app);
+    app.add_flag("--layers", a.options.settings.layers,
+                 "Into an .exr also what stands at the middle of each pixel: distance, normal, "
+                 "solid");
     app.add_option(
            "--travel", a.options.travel_file,
            "A film: a .raj list of cameras, a frame each; number the files: -o cone%04d.png")
@@ -330,6 +335,20 @@ Result<void> read_names(Arguments& a) {
     return {};
 }
 
+Result<void> read_encoding(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (o.detach)
+        return {};
+    auto encoding = a.encoding.read(o.output);
+    if (!encoding)
+        return encoding.error();
+    o.encoding = *encoding;
+    if (const auto kind = pixel_kind(o.output);
+        o.settings.layers && kind && *kind == PixelKind::levels8)
+        return invalid_option("--layers are for .exr: " + o.output + " holds colours alone");
+    return {};
+}
+
 Result<void> read_film(Arguments& a) {
     SubmitOptions& o = a.options;
     if (o.travel_file.empty())
@@ -372,8 +391,8 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.broker = app.get_option("--broker");
     if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
-    for (const auto read :
-         {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
+    for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names,
+                            read_film, read_encoding})
         if (const auto good = read(a); !good)
             return cli::usage_error(submit_name, good.error().message);
     auto shared = a.shared.read();

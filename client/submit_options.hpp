@@ -16,6 +16,7 @@ struct SubmitOptions {
     SharedOptions shared;
     std::string scene_file;
     std::string output;
+    PictureEncoding encoding; ///< of the output
     std::string job_name;
     std::string travel_file; ///< of a film: its cameras; then `output` is a pattern for its frames
     std::optional<FrameRange> frames; ///< of these; none: all

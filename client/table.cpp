@@ -3,6 +3,7 @@
 #include "client/json.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
+#include "client/settings_text.hpp"
 #include "common/base/text.hpp"
 
 #include <algorithm>

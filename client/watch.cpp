@@ -59,7 +59,7 @@ public:
 private:
     void take(const Accepted& news) {
         if (!options_.output.empty())
-            picture_.begin(news.state, options_.output);
+            picture_.begin(news.state, options_.output, options_.encoding);
         progress_.update(news.state);
         show_phase(news.state);
     }
@@ -69,6 +69,7 @@ private:
             picture_.place(news.tile, news.cell_count);
     }
     void take(const StateChanged& news) {
+        picture_.update(news.state);
         progress_.update(news.state);
         if (news.state.phase != phase_)
             show_phase(news.state);

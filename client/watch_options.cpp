@@ -38,11 +38,13 @@ std::optional<double> parse_until(std::string_view text) {
 Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     WatchOptions options;
     SharedArguments shared;
+    EncodingArguments encoding;
     std::string until;
     CLI::App app(watch_examples, watch_name);
     app.add_option("job", options.job, "Job to follow; none: the farm")->type_name("JOB");
     app.add_option("-o,--output", options.output, "Keep this picture file current")
         ->type_name("FILE");
+    encoding.add_to(app);
     app.add_option("--until", until, "Leave at done, first (tile), or at a share as 50%")
         ->default_str("done")
         ->type_name("WHEN");
@@ -65,9 +67,10 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         return cli::usage_error(watch_name, "--output and --until need a JOB");
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return cli::usage_error(watch_name, "that is no JOB: it is too long");
-    if (!options.output.empty())
-        if (const auto kind = pixel_kind(options.output); !kind)
-            return cli::usage_error(watch_name, kind.error().message);
+    const auto how = encoding.read(options.output);
+    if (!how)
+        return cli::usage_error(watch_name, how.error().message);
+    options.encoding = *how;
     return options;
 }
 

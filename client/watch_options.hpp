@@ -14,6 +14,7 @@ struct WatchOptions {
     SharedOptions shared;
     std::optional<std::string> job; ///< none: the farm
     std::string output;             ///< empty: no picture is kept
+    PictureEncoding encoding;       ///< of the output
     WatchUntil until;
 };
 

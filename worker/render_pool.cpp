@@ -37,7 +37,8 @@ RenderSettings render_settings(const protocol::PictureSettings& s, std::uint32_t
                             .max_samples = s.max_samples,
                             .filter = s.filter == protocol::PixelFilter::tent ? Filter::tent
                                                                               : Filter::box,
-                            .exact = s.exact};
+                            .exact = s.exact,
+                            .layers = s.layers};
     if (s.limited_in_time()) {
         const protocol::Pass samples = protocol::pass_of(pass);
         settings.first_sample = samples.first;
@@ -102,7 +103,7 @@ std::vector<Blob> pixel_blobs(Tile tile) {
     static_assert(sizeof(float) == 4 && std::numeric_limits<float>::is_iec559);
     std::vector<Blob> planes;
     for (std::vector<float>* plane :
-         {&tile.rgb, &tile.samples, &tile.error, &tile.variance, &tile.cut})
+         {&tile.rgb, &tile.samples, &tile.error, &tile.variance, &tile.cut, &tile.layers})
         if (!plane->empty()) {
             const auto owner = std::make_shared<const std::vector<float>>(std::move(*plane));
             planes.emplace_back(owner, std::as_bytes(std::span(*owner)));

@@ -12,12 +12,16 @@ namespace fraja {
 /// Scene-linear RGB of the pixels `region` of a picture of `size`. Black where no tile was placed.
 class Film {
 public:
-    /// Whether each pixel's samples and error are kept, too.
-    enum class Keeps { colours, estimates };
+    /// What is kept of each pixel beside its colours.
+    struct Keeps {
+        bool estimates = false; ///< samples and error
+        bool layers = false;
+    };
     /// `region` must lie inside `size` (asserted); it may be empty.
-    Film(Extent size, PixelRect region, Keeps keeps = Keeps::colours);
+    Film(Extent size, PixelRect region, Keeps keeps);
     /// The whole picture.
     explicit Film(Extent size) : Film(size, {0, 0, size.width, size.height}) {}
+    Film(Extent size, PixelRect region) : Film(size, region, Keeps{}) {}
 
     /// Copies the tile's pixels, over what was there. It must lie inside the region and hold as
     /// many floats as its rectangle and the film say (asserted: who takes tiles from a network
@@ -31,11 +35,13 @@ public:
     /// Likewise, one float a pixel, as in Tile; empty where they are not kept.
     [[nodiscard]] std::span<const float> samples() const { return samples_; }
     [[nodiscard]] std::span<const float> error() const { return error_; }
+    /// Likewise a plane for each of layer_names, one after the other.
+    [[nodiscard]] std::span<const float> layers() const { return layers_; }
 
 private:
     Extent size_;
     PixelRect region_;
-    std::vector<float> rgb_, samples_, error_;
+    std::vector<float> rgb_, samples_, error_, layers_;
 };
 
 } // namespace fraja

@@ -31,7 +31,7 @@ double gain(double x) {
 PassFilm::PassFilm(Extent size, PixelRect region, std::vector<std::uint32_t> samples,
                    std::size_t tiles)
     : region_(region), samples_(std::move(samples)), tiles_(tiles), pixels_(region.pixel_count()),
-      waiting_(samples_.size()), film_(size, region, Film::Keeps::estimates) {}
+      waiting_(samples_.size()), film_(size, region, {.estimates = true}) {}
 
 void PassFilm::place(std::uint32_t pass, Tile tile) {
     FRAJA_ASSERT(pass >= passes_done_ && pass < samples_.size());

@@ -1,4 +1,5 @@
-// From scene-linear floats to the 8 bits per channel of Raja's pictures. FORMAT.md, section 10.
+// From scene-linear floats to 8 bits per channel: as Raja does it (FORMAT.md, section 10), or
+// otherwise.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,15 @@ inline constexpr double levels_per_unit = 255;
 /// give 88.
 [[nodiscard]] std::uint8_t quantise(float linear);
 
+/// How radiance becomes levels. In each, above 1 is 255, below 0 and NaN are 0.
+enum class Transfer : std::uint8_t {
+    raja,   ///< quantise() above: no gamma, in single precision
+    srgb,   ///< the curve of IEC 61966-2-1, which displays expect: middle tones are brighter
+    linear, ///< no gamma, the nearest level
+};
+
 /// Each of them.
-[[nodiscard]] std::vector<std::uint8_t> quantise(std::span<const float> linear);
+[[nodiscard]] std::vector<std::uint8_t> quantise(std::span<const float> linear,
+                                                 Transfer transfer = Transfer::raja);
 
 } // namespace fraja

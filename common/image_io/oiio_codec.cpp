@@ -11,6 +11,9 @@
 namespace fraja {
 namespace {
 
+/// Of a file that is read: colours, samples, error, layers.
+constexpr std::size_t channels_max = 5 + layer_names.size();
+
 /// OpenEXR would start a pool as wide as the machine, under the feet of the render threads. One
 /// picture at the end of a job needs none. (So would OpenImageIO, but not where a file is taken row
 /// by row; its attribute "threads" would start the pool before it makes it small.)
@@ -29,7 +32,9 @@ std::string reason_of(std::string text) {
 
 bool write_rows(OIIO::ImageOutput& out, const OIIO::ImageSpec& spec, const void* pixels) {
     const auto* row = static_cast<const std::byte*>(pixels);
-    for (int y = spec.y; y < spec.y + spec.height; ++y, row += spec.scanline_bytes())
+    const std::size_t row_bytes = spec.format.size() * static_cast<std::size_t>(spec.nchannels) *
+                                  static_cast<std::size_t>(spec.width);
+    for (int y = spec.y; y < spec.y + spec.height; ++y, row += row_bytes)
         if (!out.write_scanline(y, 0, spec.format, row))
             return false;
     return true;
@@ -42,9 +47,12 @@ OIIO::ImageSpec spec_of(const PictureToEncode& picture) {
                          floats ? OIIO::TypeFloat : OIIO::TypeUInt8);
     // Where this is missing, .tif and .exr get the time of day, and no two files are equal.
     spec.attribute("DateTime", "");
-    if (picture.estimates) {
-        spec.nchannels = 5;
-        spec.channelnames = {"R", "G", "B", "samples", "error"};
+    for (const std::string_view channel : picture.channels)
+        spec.channelnames.emplace_back(channel);
+    spec.nchannels = static_cast<int>(spec.channelnames.size());
+    if (picture.half) {
+        spec.channelformats.assign(spec.channelnames.size(), OIIO::TypeFloat);
+        std::fill_n(spec.channelformats.begin(), 3, OIIO::TypeHalf);
     }
     if (picture.format.starts_with("jp")) { // .png would keep it as text
         spec.attribute("Compression", "jpeg:95");
@@ -82,7 +90,7 @@ Result<std::vector<T>> read_channels(const std::filesystem::path& path, OIIO::Im
     const auto width = static_cast<std::uint64_t>(spec.width);
     const std::uint64_t pixel_count = width * static_cast<std::uint64_t>(spec.height);
     const auto channels = static_cast<std::size_t>(spec.nchannels);
-    if (pixel_count > picture_pixels_max || channels > 5)
+    if (pixel_count > picture_pixels_max || channels > channels_max)
         return Error{ErrorCode::limit_exceeded, path.string() + ": too many pixels or channels"};
     std::vector<T> all(pixel_count * channels);
     for (int y = 0; y < spec.height; ++y)
@@ -105,16 +113,17 @@ std::vector<T> colours_of(std::vector<T> all, std::size_t channels) {
     return rgb;
 }
 
-/// One of those channels, by its name; empty without it.
-std::vector<float> channel_of(const std::vector<float>& all, const OIIO::ImageSpec& spec,
-                              std::string_view name) {
-    const int index = spec.channelindex(name);
-    std::vector<float> values;
-    if (index >= 0)
-        for (auto i = static_cast<std::size_t>(index); i < all.size();
-             i += static_cast<std::size_t>(spec.nchannels))
+/// Those behind the colours, by name.
+std::vector<Channel> further_channels(const std::vector<float>& all, const OIIO::ImageSpec& spec) {
+    std::vector<Channel> channels;
+    for (std::size_t c = 3; c < spec.channelnames.size(); ++c) {
+        std::vector<float> values;
+        for (std::size_t i = c; i < all.size(); i += spec.channelnames.size())
             values.push_back(all[i]);
-    return values;
+        channels.push_back({spec.channelnames[c], std::move(values)});
+    }
+    std::ranges::sort(channels, {}, &Channel::name);
+    return channels;
 }
 
 class OiioCodec final : public PictureCodec {
@@ -174,8 +183,7 @@ public:
         picture.window = {static_cast<std::uint32_t>(spec.x), static_cast<std::uint32_t>(spec.y),
                           static_cast<std::uint32_t>(spec.width),
                           static_cast<std::uint32_t>(spec.height)};
-        picture.samples = channel_of(*all, spec, "samples");
-        picture.error = channel_of(*all, spec, "error");
+        picture.channels = further_channels(*all, spec);
         picture.rgb = colours_of(*std::move(all), static_cast<std::size_t>(spec.nchannels));
         for (const OIIO::ParamValue& value : spec.extra_attribs)
             if (value.type() == OIIO::TypeString)

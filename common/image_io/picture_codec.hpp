@@ -15,9 +15,10 @@ struct PictureToEncode {
     std::string_view format; ///< an extension, without its dot
     Extent extent;           ///< of the whole picture
     PixelRect window;        ///< of it that the pixels are; levels are all of it
-    /// Row-major from the top left. Levels are RGB; floats also, or with samples and error behind.
+    /// Row-major from the top left: RGB; behind the floats of a pixel one of each further channel.
     std::variant<std::span<const std::uint8_t>, std::span<const float>> pixels;
-    bool estimates = false; ///< those are there
+    std::span<const std::string_view> channels; ///< their names
+    bool half = false;                          ///< colours as 16-bit floats
     std::span<const PictureAttribute> attributes;
 };
 

@@ -1,7 +1,6 @@
 #include "common/image_io/picture_file.hpp"
 
 #include "common/base/text.hpp"
-#include "common/image/quantise.hpp"
 #include "common/image_io/picture_codec.hpp"
 #include "common/image_io/replace_file.hpp"
 
@@ -78,27 +77,40 @@ Result<void> write_levels_as(const Format& format, const std::filesystem::path& 
                              .extent = levels.extent,
                              .window = {0, 0, levels.extent.width, levels.extent.height},
                              .pixels = levels.rgb,
+                             .channels = {},
                              .attributes = {}});
 }
 
 Result<void> write_radiance_as(const Format& format, const std::filesystem::path& path,
-                               const Film& film, std::span<const PictureAttribute> attributes) {
+                               const Film& film, std::span<const PictureAttribute> attributes,
+                               bool half) {
+    const std::size_t pixel_count = film.region().pixel_count();
+    std::vector<std::string_view> names;
+    std::vector<std::span<const float>> planes;
+    if (!film.error().empty()) {
+        names = {"samples", "error"};
+        planes = {film.samples(), film.error()};
+    }
+    for (std::size_t i = 0; !film.layers().empty() && i < layer_names.size(); ++i) {
+        names.push_back(layer_names[i]);
+        planes.push_back(film.layers().subspan(i * pixel_count, pixel_count));
+    }
     PictureToEncode picture{.format = format.extension.substr(1),
                             .extent = film.size(),
                             .window = film.region(),
                             .pixels = film.pixels(),
-                            .estimates = !film.error().empty(),
+                            .channels = names,
+                            .half = half,
                             .attributes = attributes};
-    if (!picture.estimates)
+    if (planes.empty())
         return write_file(path, picture);
-    const std::size_t pixel_count = film.region().pixel_count();
     std::vector<float> all;
-    all.reserve(5 * pixel_count);
+    all.reserve((3 + planes.size()) * pixel_count);
     for (std::size_t i = 0; i < pixel_count; ++i) {
         const auto rgb = film.pixels().subspan(3 * i, 3);
         all.insert(all.end(), rgb.begin(), rgb.end());
-        all.push_back(film.samples()[i]);
-        all.push_back(film.error()[i]);
+        for (const auto& plane : planes)
+            all.push_back(plane[i]);
     }
     picture.pixels = std::span<const float>(all);
     return write_file(path, picture);
@@ -124,15 +136,16 @@ Result<void> check_writable(const std::filesystem::path& path, Extent extent) {
 }
 
 Result<void> write_picture(const std::filesystem::path& path, const Film& film,
-                           std::span<const PictureAttribute> attributes) {
+                           std::span<const PictureAttribute> attributes,
+                           const PictureEncoding& encoding) {
     FRAJA_ASSERT(!film.region().empty());
     const Extent extent{film.region().width, film.region().height};
     const auto format = find_format(path, extent);
     if (!format)
         return format.error();
     if (format->kind == PixelKind::radiance)
-        return write_radiance_as(*format, path, film, attributes);
-    const auto levels = quantise(film.pixels());
+        return write_radiance_as(*format, path, film, attributes, encoding.half);
+    const auto levels = quantise(film.pixels(), encoding.transfer);
     return write_levels_as(*format, path, {extent, levels});
 }
 

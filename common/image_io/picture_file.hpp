@@ -4,6 +4,7 @@
 #include "common/base/pixel_rect.hpp"
 #include "common/base/result.hpp"
 #include "common/image/film.hpp"
+#include "common/image/quantise.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -23,6 +24,14 @@ enum class PixelKind {
     radiance, ///< scene-linear floats: .exr
 };
 
+/// How a film's floats become a file's numbers.
+struct PictureEncoding {
+    Transfer transfer = Transfer::raja; ///< to the levels of 8-bit formats
+    /// In radiance formats, colours as 16-bit floats, and so half as large; what else there is of a
+    /// pixel stays as it is.
+    bool half = false;
+};
+
 /// A name and its value, carried by formats that keep any (.exr); others leave them out.
 struct PictureAttribute {
     std::string name, value;
@@ -35,11 +44,17 @@ struct LevelsView {
     std::span<const std::uint8_t> rgb;
 };
 
+/// What a file says of each pixel beside its colours.
+struct Channel {
+    std::string name; ///< `samples`, `error`, or one of layer_names
+    std::vector<float> values;
+};
+
 struct RadiancePicture {
     Extent extent;
     PixelRect window;
     std::vector<float> rgb;
-    std::vector<float> samples, error;        ///< as a Film's; empty where the file has none
+    std::vector<Channel> channels;            ///< the others, by name
     std::vector<PictureAttribute> attributes; ///< every text attribute of the file, by name
 };
 
@@ -60,14 +75,15 @@ struct LevelsPicture {
 [[nodiscard]] Result<void> check_writable(const std::filesystem::path& path,
                                           Extent extent = {1, 1});
 
-/// Write the film's region: as 8-bit levels, by quantise(), or as the floats themselves (with the
-/// channels `samples` and `error`, if the film keeps these), the attributes and the region's place
-/// in the picture. The file appears whole or not at all, and an older one stays until then; the
-/// same arguments give the same bytes, at any time. A symbolic link is followed. The region must
-/// not be empty (asserted). Needs memory for the whole file. Errors: as check_writable(), and io
-/// for a full disk.
+/// Write the film's region: as 8-bit levels, or as the floats themselves (with the channels
+/// `samples` and `error`, and layer_names, if the film keeps these), the attributes and the
+/// region's place in the picture. The file appears whole or not at all, and an older one stays
+/// until then; the same arguments give the same bytes, at any time. A symbolic link is followed.
+/// The region must not be empty (asserted). Needs memory for the whole file. Errors: as
+/// check_writable(), and io for a full disk.
 [[nodiscard]] Result<void> write_picture(const std::filesystem::path& path, const Film& film,
-                                         std::span<const PictureAttribute> attributes = {});
+                                         std::span<const PictureAttribute> attributes = {},
+                                         const PictureEncoding& encoding = {});
 
 /// Write levels as they are, likewise, to a format that holds 8 bits. There must be as many as the
 /// extent says, and at least one pixel (asserted).

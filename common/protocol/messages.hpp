@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 7;
+inline constexpr std::uint16_t version = 8;
 
 // ------------------------------------------------------------------------------- parts of messages
 

@@ -51,6 +51,8 @@ Result<void> validate(const PictureSettings& s) {
         return invalid("time-limit: from 0 to 1000 days");
     if (s.limited_in_time() && (s.aa > 0 || s.spp > 0 || s.error > 0))
         return invalid("time-limit: says how many samples there are; without aa, spp and error");
+    if (s.limited_in_time() && s.layers)
+        return invalid("layers: not with --time-limit, whose passes would all bring them");
     if (s.filter != PixelFilter::box && s.spp == 0 && s.error == 0 && !s.limited_in_time())
         return invalid("filter: weighs the samples of --spp, --error or --time-limit, none of "
                        "which is given");

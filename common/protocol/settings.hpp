@@ -35,6 +35,7 @@ struct PictureSettings {
     std::uint32_t max_samples = 1024;
     PixelFilter filter = PixelFilter::box;
     Duration time_limit{};
+    bool layers = false;
 
     friend bool operator==(const PictureSettings&, const PictureSettings&) = default;
     static constexpr auto fields() {
@@ -49,16 +50,19 @@ struct PictureSettings {
                           Field{"error", &T::error},
                           Field{"max_samples", &T::max_samples},
                           Field{"filter", &T::filter},
-                          Field{"time_limit", &T::time_limit}};
+                          Field{"time_limit", &T::time_limit},
+                          Field{"layers", &T::layers}};
     }
     /// It is drawn in passes over all of it (passes.hpp).
     [[nodiscard]] bool limited_in_time() const { return time_limit > Duration::zero(); }
     /// Each pixel comes with its samples and its error.
     [[nodiscard]] bool estimates() const { return error > 0 || spp >= 4; }
     /// Of a pixel, as it travels: 32-bit floats. Red, green, blue; of a picture with estimates
-    /// samples and error; of a pass the samples' variance, and the light that was cut.
+    /// samples and error; of a pass the samples' variance, and the light that was cut; with layers
+    /// the distance, three of the normal, and the solid.
     [[nodiscard]] std::uint64_t pixel_bytes() const {
-        return sizeof(float) * (estimates() || limited_in_time() ? 5 : 3);
+        return sizeof(float) *
+               (3u + (estimates() || limited_in_time() ? 2u : 0u) + (layers ? 5u : 0u));
     }
 };
 

@@ -41,6 +41,7 @@ struct RenderSettings {
     Filter filter = Filter::box;      ///< of low-discrepancy samples
     bool exact = false;               ///< Raja's -e: no cut-off of faint rays
     bool truncation = false;          ///< fill RenderedTile::truncated, too
+    bool layers = false;              ///< fill Tile::layers, too
     friend bool operator==(const RenderSettings&, const RenderSettings&) = default;
     [[nodiscard]] bool adaptive() const { return error > 0; }
     [[nodiscard]] bool low_discrepancy() const { return spp > 0 || adaptive(); }
@@ -64,15 +65,20 @@ struct RenderedTile {
 /// A scene made ready for rendering. Immutable; shared by all render threads.
 class CompiledScene {
 public:
-    explicit CompiledScene(const Scene& scene)
-        : two_pictures_(std::holds_alternative<StereoCamera>(scene.camera)) {}
+    explicit CompiledScene(const Scene& scene) : camera_(scene.camera) {}
     virtual ~CompiledScene() = default;
     /// The screen's left and right half are pictures of their own, as of a stereo camera.
-    [[nodiscard]] bool two_pictures() const { return two_pictures_; }
+    [[nodiscard]] bool two_pictures() const {
+        return std::holds_alternative<StereoCamera>(camera_);
+    }
+    [[nodiscard]] const Camera& camera() const { return camera_; }
     /// Fills the block. Errors as of render_tile.
     [[nodiscard]] virtual Result<DrawnBlock> draw_samples(const RenderSettings& settings,
                                                           const SampleBlock& block,
                                                           RenderControl& control) const = 0;
+    /// Likewise, without any light.
+    [[nodiscard]] virtual Result<RayCounts> find_first_hits(const FirstHitBlock& block,
+                                                            RenderControl& control) const = 0;
     /// Draws `rect`, which must lie inside settings.size and not be empty (asserted).
     /// Every float is finite and not negative, whatever numbers the scene holds.
     /// Errors: unresolved_overlap, naming both solids; cancelled, when control.stop was set;
@@ -81,7 +87,7 @@ public:
                                                    RenderControl& control) const;
 
 private:
-    bool two_pictures_;
+    Camera camera_;
 };
 
 /// Never fails: what can be wrong with a scene, its reader has found.

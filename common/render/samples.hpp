@@ -1,6 +1,7 @@
 // What a kernel is asked for: the light at places of a picture's screen.
 #pragma once
 
+#include "common/math/vec.hpp"
 #include "common/render/ray_counts.hpp"
 #include "common/render/sample_limits.hpp"
 
@@ -27,6 +28,18 @@ struct SampleBlock {
                                     ///< have been, at most
     std::span<std::uint64_t> paths; ///< what it met, as a number. May be empty
     std::span<std::uint32_t> rays;  ///< that were traced for it, without shadow rays
+};
+
+/// What a camera ray meets first.
+struct FirstHit {
+    Vec3 place{}, normal{};   ///< world space; unit, out of the solid
+    std::uint32_t object = 0; ///< the number of the solid in Scene::solids, from 1; 0: nothing
+};
+
+/// Places on the screen, as in SampleBlock, and room for what stands there.
+struct FirstHitBlock {
+    std::span<const double> x, y;
+    std::span<FirstHit> hits;
 };
 
 struct DrawnBlock {

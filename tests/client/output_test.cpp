@@ -1,13 +1,17 @@
 #include "client/console.hpp"
 #include "client/json.hpp"
 #include "client/picture.hpp"
+#include "client/settings_text.hpp"
+#include "client/submit_options.hpp"
 #include "client/table.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <cstring>
 #include <doctest/doctest.h>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <unistd.h>
 
 using namespace fraja;
@@ -40,6 +44,12 @@ protocol::JobState job() {
     state.rays = {10, 20, 30, 40, 50, 60, 70, 80, 0};
     state.elapsed = 1500ms;
     return state;
+}
+
+std::string attribute_of(const protocol::JobState& state, const char* name) {
+    const auto attributes = picture_attributes(state);
+    const auto found = std::ranges::find(attributes, name, &PictureAttribute::name);
+    return found == attributes.end() ? "missing" : found->value;
 }
 
 /// What a Console wrote into a file.
@@ -141,7 +151,7 @@ TEST_CASE("a job's page and JSON and its picture name its kernel") {
         state.settings.kernel = kernel;
         CHECK(job_page(state).find(std::string(", kernel ") + name + "\n") != std::string::npos);
         CHECK(Json::parse(job_json(state))["settings"]["kernel"] == name);
-        CHECK(picture_attributes(state.scene, state.settings).back().value == name);
+        CHECK(attribute_of(state, "fraja:kernel") == name);
     }
 }
 
@@ -316,13 +326,11 @@ TEST_CASE("a picture with a time limit is black until there is a tile of it") {
 }
 
 TEST_CASE("a picture says all of how it was sampled") {
-    auto settings = adaptive_settings();
+    auto state = job();
+    auto& settings = state.settings;
+    settings = adaptive_settings();
     settings.error = 0.5, settings.max_samples = 99, settings.filter = protocol::PixelFilter::tent;
-    const auto value = [&](const char* name) {
-        const auto attributes = picture_attributes({}, settings);
-        const auto found = std::ranges::find(attributes, name, &PictureAttribute::name);
-        return found == attributes.end() ? "missing" : found->value;
-    };
+    const auto value = [&](const char* name) { return attribute_of(state, name); };
     CHECK(value("fraja:error") == "0.5");
     CHECK(value("fraja:max_samples") == "99");
     CHECK(value("fraja:filter") == "tent");
@@ -331,6 +339,40 @@ TEST_CASE("a picture says all of how it was sampled") {
           "depth 5, error 0.5 with at most 99 samples, filter tent, kernel fast");
     settings.error = 0, settings.spp = 16, settings.filter = protocol::PixelFilter::box;
     CHECK(settings_text(settings) == "depth 5, spp 16, kernel fast");
+}
+
+TEST_CASE("a picture tells the command that makes it again, whatever its settings") {
+    unsetenv("SOURCE_DATE_EPOCH");
+    for (const char* options :
+         {"-r 256x192 -d 5", "-r 640x480 -d 9 --crop 1,2,30,40 -a 4 --kernel reference --exact",
+          "-r 256x192 -d 5 --spp 16 --filter tent --layers",
+          "-r 256x192 -d 5 --error 0.5 --max-samples 99",
+          "-r 256x192 -d 5 --time-limit 1.5s --max-samples 1024"}) {
+        std::vector<std::string> words;
+        std::istringstream text(options);
+        for (std::string word; text >> word;)
+            words.push_back(word);
+        words.insert(words.end(), {"a.raj", "-o", "a.exr"});
+        const auto parsed = parse_submit_options(words);
+        const auto* submit = std::get_if<SubmitOptions>(&parsed);
+        REQUIRE(submit != nullptr);
+        auto state = job();
+        state.settings = submit->settings;
+        CHECK(attribute_of(state, "fraja:command") == std::string("fraja-submit ") + options);
+    }
+}
+
+TEST_CASE("a picture tells what it took, unless two renders are to give the same file") {
+    const auto state = job();
+    unsetenv("SOURCE_DATE_EPOCH");
+    CHECK(attribute_of(state, "fraja:rays_camera") == std::to_string(state.rays.camera));
+    CHECK(attribute_of(state, "fraja:job") == to_string(state.job));
+    CHECK(attribute_of(state, "DateTime").size() == std::string("2026:11:27 16:30:00").size());
+    setenv("SOURCE_DATE_EPOCH", "0", 1);
+    CHECK(attribute_of(state, "fraja:rays_camera") == "missing");
+    CHECK(attribute_of(state, "DateTime") == "missing");
+    CHECK(attribute_of(state, "fraja:scene") == to_string(state.scene));
+    unsetenv("SOURCE_DATE_EPOCH");
 }
 
 TEST_CASE("messages that cannot be written are lost, and no more than that") {

@@ -25,8 +25,10 @@ struct Drawn {
 /// particular order, is the result.
 [[nodiscard]] inline Result<Drawn> draw(const CompiledScene& scene, const RenderSettings& settings,
                                         PixelRect region, unsigned threads = 2) {
-    const auto keeps = settings.estimates() ? Film::Keeps::estimates : Film::Keeps::colours;
-    Drawn drawn{Film(settings.size, region, keeps), {}, {}};
+    Drawn drawn{
+        Film(settings.size, region, {.estimates = settings.estimates(), .layers = settings.layers}),
+        {},
+        {}};
     if (settings.truncation)
         drawn.truncated.resize(region.pixel_count());
     std::mutex mutex; // guards `drawn` and `error`

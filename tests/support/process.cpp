@@ -59,16 +59,22 @@ Error system_error(const std::string& what) {
     return {ErrorCode::io, what + ": " + std::error_code(errno, std::generic_category()).message()};
 }
 
+/// Pictures that are drawn twice are to be the same files, and nobody's own settings are read.
+constexpr std::array<const char*, 2> every_test = {"SOURCE_DATE_EPOCH=0",
+                                                   "XDG_CONFIG_HOME=/nonexistent"};
+
 /// The test's environment with `extra` on top.
 std::vector<std::string> merged_environment(std::span<const std::string> extra) {
     std::vector<std::string> all(extra.begin(), extra.end());
-    for (char** entry = environ; *entry; ++entry) {
-        const std::string_view text = *entry;
+    const auto add = [&](std::string_view text) {
         const std::string_view name_and_sign = text.substr(0, text.find('=') + 1);
         if (std::ranges::none_of(
-                extra, [&](const std::string& e) { return e.starts_with(name_and_sign); }))
+                all, [&](const std::string& e) { return e.starts_with(name_and_sign); }))
             all.emplace_back(text);
-    }
+    };
+    std::ranges::for_each(every_test, add);
+    for (char** entry = environ; *entry; ++entry)
+        add(*entry);
     return all;
 }
 

@@ -15,7 +15,8 @@
 namespace fraja {
 
 /// What to start: a program's path (or a name to look for in PATH), its arguments, and variables
-/// ("NAME=VALUE") that are added to the test's own environment or replace them there.
+/// ("NAME=VALUE") that are added to the test's own environment or replace them there. Settings
+/// files of whoever runs the test are not read, and pictures do not tell when they were made.
 struct Command {
     std::vector<std::string> argv;
     std::vector<std::string> env = {};

@@ -78,8 +78,7 @@ struct Drawn {
 };
 
 /// Tile by tile.
-Drawn draw(const DrawTile& draw_tile, Extent size, unsigned threads,
-           Film::Keeps keeps = Film::Keeps::colours) {
+Drawn draw(const DrawTile& draw_tile, Extent size, unsigned threads, Film::Keeps keeps = {}) {
     const std::vector<PixelRect> tiles = tiles_of(size);
     std::vector<RenderedTile> parts(tiles.size());
     std::atomic<std::size_t> next = 0;
@@ -99,7 +98,7 @@ Drawn draw(const DrawTile& draw_tile, Extent size, unsigned threads,
     }
     Drawn drawn{Film(size, {0, 0, size.width, size.height}, keeps), {}, user_s};
     for (RenderedTile& part : parts) {
-        if (keeps == Film::Keeps::colours)
+        if (!keeps.estimates)
             part.tile = {.rect = part.tile.rect, .rgb = std::move(part.tile.rgb)};
         drawn.film.place(part.tile);
         drawn.rays += part.rays;
@@ -242,7 +241,7 @@ int run(const Options& o) {
     const auto adaptive = [&](double error) {
         RenderSettings s = o.settings;
         s.error = error, s.max_samples = 65'536;
-        const Drawn drawn = draw(with_settings(*compiled, s), s.size, 1, Film::Keeps::estimates);
+        const Drawn drawn = draw(with_settings(*compiled, s), s.size, 1, {.estimates = true});
         print_kept(o, error, drawn, truth);
         print_run(o, "adaptive", text_of(error), drawn, truth);
         return drawn.user_s < too_long_s; // and whatever the truth's error is

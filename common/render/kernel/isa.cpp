@@ -1,4 +1,5 @@
 // Compiled once per instruction set; FRAJA_KERNEL_ENTRY is the one name that leaves the object.
+#include "common/render/kernel/first_hits.hpp"
 #include "common/render/kernel/hits.hpp"
 #include "common/render/kernel/light.hpp"
 #include "common/render/kernel/probe.hpp"
@@ -42,15 +43,28 @@ auto with_features(const Tables& tables, F&& f) {
 using AnyTracer = std::variant<std::monostate, BlockTracer<opaque>, BlockTracer<opaque_apart>,
                                BlockTracer<glass>, BlockTracer<everything>>;
 
+thread_local AnyTracer kept_tracer;
+
+/// f(the thread's tracer for a scene).
+template <class F>
+BlockResult with_tracer(const Tables& tables, F&& f) {
+    return with_features(tables, [&]<Features has>() {
+        auto* tracer = std::get_if<BlockTracer<has>>(&kept_tracer);
+        if (tracer == nullptr || tracer->scene() != tables.scene)
+            tracer = &kept_tracer.emplace<BlockTracer<has>>(tables);
+        return f(*tracer);
+    });
+}
+
 BlockResult draw_block(const Tables& tables, const SampleJob& job, const Block& block,
                        const DrawControl& control) {
-    thread_local AnyTracer tracer;
-    return with_features(tables, [&]<Features has>() {
-        auto* kept = std::get_if<BlockTracer<has>>(&tracer);
-        if (kept == nullptr || kept->scene() != tables.scene)
-            kept = &tracer.emplace<BlockTracer<has>>(tables);
-        return kept->draw(job, block, control);
-    });
+    return with_tracer(tables, [&](auto& tracer) { return tracer.draw(job, block, control); });
+}
+
+BlockResult find_first_hits(const Tables& tables, const FirstHits& block,
+                            const DrawControl& control) {
+    return with_tracer(tables,
+                       [&](auto& tracer) { return tracer.find_first_hits(block, control); });
 }
 
 Features features_for(const Tables& tables) {
@@ -61,6 +75,6 @@ Features features_for(const Tables& tables) {
 } // namespace fraja::kernel
 
 extern "C" const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY;
-const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {FRAJA_KERNEL_ISA, fraja::kernel::draw_block,
-                                                       fraja::kernel::features_for,
-                                                       fraja::kernel::find_hits};
+const fraja::kernel::KernelEntry FRAJA_KERNEL_ENTRY = {
+    FRAJA_KERNEL_ISA, fraja::kernel::draw_block, fraja::kernel::find_first_hits,
+    fraja::kernel::features_for, fraja::kernel::find_hits};

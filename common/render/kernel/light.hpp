@@ -37,6 +37,8 @@ inline void BlockTracer<has>::shade() {
 template <Features has>
 inline void BlockTracer<has>::add_background(const std::uint32_t* index, std::size_t count) {
     RayQueue& rays = wave_.rays;
+    if (first_hits_ != nullptr)
+        return;
     for (std::size_t i = 0; i < count; ++i) {
         double* radiance = block_.rgb + 3 * rays.samples()[index[i]];
         radiance[0] += tables_.background[0] * rays.reals(red)[index[i]];
@@ -65,6 +67,8 @@ inline void BlockTracer<has>::shade_batch(std::uint32_t key, const std::uint32_t
         batch_[g] = meet({patch, tables_.materials + material, leaving, padded + lanes * g,
                           mask_of((1u << used) - 1)});
     }
+    if (first_hits_ != nullptr)
+        return note_first_hits(groups);
     result_.counts.shaded += count;
     add_light(groups);
     if (wave_.depth > 1 || block_.lost != nullptr)

@@ -220,9 +220,11 @@ void Program::build_hierarchy() {
     bvh_ = build_bvh(apart_surfaces_);
     bvh_spheres_.reserve(apart_surfaces_.size());
     bvh_materials_.reserve(apart_surfaces_.size());
+    bvh_solids_.reserve(apart_surfaces_.size());
     for (const std::uint32_t i : bvh_.order) {
         bvh_spheres_.push_back(apart_surfaces_[i]);
         bvh_materials_.push_back(materials_[spheres_apart_[i].texture]);
+        bvh_solids_.push_back(spheres_apart_[i].solid);
     }
     bvh_.order = {};
     apart_surfaces_ = {};
@@ -326,6 +328,12 @@ std::vector<SolidIndex> Program::solids() const {
     for (const SolidLeaf& leaf : solid_leaves_)
         solids.push_back(leaf.solid);
     return solids;
+}
+
+SolidIndex Program::solid_of(std::int64_t what) const {
+    const auto index = static_cast<std::size_t>(what);
+    return index < solid_leaves_.size() ? solid_leaves_[index].solid
+                                        : bvh_solids_[index - solid_leaves_.size()];
 }
 
 std::string Program::overlap_message(const Scene& scene,

@@ -28,6 +28,8 @@ public:
     [[nodiscard]] const Tables& tables() const { return tables_; }
     /// The basic solids that the leaves of the tables are.
     [[nodiscard]] std::vector<SolidIndex> solids() const;
+    /// The basic solid that a hit is on; of TableHit::what, which must not be none.
+    [[nodiscard]] SolidIndex solid_of(std::int64_t what) const;
     /// What to tell the scene's author about leaves (two at least) that overlap, of which none
     /// displaces all others.
     [[nodiscard]] std::string overlap_message(const Scene& scene,
@@ -65,6 +67,7 @@ private:
     Bvh bvh_;
     std::vector<SphereSurface> bvh_spheres_;
     std::vector<std::uint32_t> bvh_materials_;
+    std::vector<SolidIndex> bvh_solids_;
     SurfaceCollector::Sorted surfaces_;
     std::vector<Leaf> leaves_;
     std::vector<Node> nodes_;

@@ -6,6 +6,7 @@
 
 #include <span>
 #include <utility>
+#include <vector>
 
 namespace fraja::kernel {
 namespace {
@@ -34,16 +35,8 @@ public:
              .paths = or_null(block.paths),
              .rays = block.rays.data()},
             {&control, &report});
-        switch (drawn.end) {
-        case BlockEnd::drawn:
-            break;
-        case BlockEnd::stopped:
-            return Error{ErrorCode::cancelled, "stopped before the tile was drawn"};
-        case BlockEnd::unresolved_overlap:
-            return Error{ErrorCode::unresolved_overlap,
-                         program_->overlap_message(
-                             *scene_, std::span(drawn.overlapping).first(drawn.overlapping_count))};
-        }
+        if (const auto good = to_the_end(drawn); !good)
+            return good.error();
         // From weight to the light that it may have been.
         const Rgb light = all_light(scene_->world);
         for (std::size_t i = 0; i < block.cut.size(); i += 3)
@@ -53,7 +46,46 @@ public:
             .rays = drawn.counts, .skipped = drawn.skipped, .budget_spent = drawn.budget_spent};
     }
 
+    Result<RayCounts> find_first_hits(const FirstHitBlock& block,
+                                      RenderControl& control) const override {
+        if (!entry_)
+            return entry_.error();
+        std::vector<TableHit> hits(block.x.size());
+        const BlockResult found =
+            (*entry_)->find_first_hits(program_->tables(),
+                                       {.count = static_cast<std::uint32_t>(block.x.size()),
+                                        .x = block.x.data(),
+                                        .y = block.y.data(),
+                                        .hits = hits.data()},
+                                       {&control, &report});
+        if (const auto good = to_the_end(found); !good)
+            return good.error();
+        const double* const center = program_->tables().center;
+        for (std::size_t i = 0; i < hits.size(); ++i) {
+            const auto& [place, normal, what] = hits[i];
+            if (what != none)
+                block.hits[i] = {{place[0] + center[0], place[1] + center[1], place[2] + center[2]},
+                                 {normal[0], normal[1], normal[2]},
+                                 static_cast<std::uint32_t>(as_size(program_->solid_of(what))) + 1};
+        }
+        return found.counts;
+    }
+
 private:
+    [[nodiscard]] Result<void> to_the_end(const BlockResult& block) const {
+        switch (block.end) {
+        case BlockEnd::drawn:
+            return {};
+        case BlockEnd::stopped:
+            return Error{ErrorCode::cancelled, "stopped before the tile was drawn"};
+        case BlockEnd::unresolved_overlap:
+            return Error{ErrorCode::unresolved_overlap,
+                         program_->overlap_message(
+                             *scene_, std::span(block.overlapping).first(block.overlapping_count))};
+        }
+        return {};
+    }
+
     static bool report(void* owner, std::uint64_t rays) {
         auto& control = *static_cast<RenderControl*>(owner);
         control.rays.fetch_add(rays, std::memory_order_relaxed);

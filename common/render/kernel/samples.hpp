@@ -11,13 +11,27 @@ namespace fraja::kernel {
 namespace {
 
 template <Features has>
-inline BlockResult BlockTracer<has>::draw(const SampleJob& job, const Block& block,
-                                          const DrawControl& control) {
+inline void BlockTracer<has>::begin(const SampleJob& job, const Block& block,
+                                    const DrawControl& control) {
     job_ = job, block_ = block, control_ = control;
     result_ = {};
     unreported_ = 0;
     spheres_.count_from_zero();
     report_now(); // stopped already?
+}
+
+template <Features has>
+inline BlockResult BlockTracer<has>::end() {
+    report_now();
+    result_.counts.box_tests += spheres_.box_tests();
+    result_.counts.form_tests += spheres_.form_tests();
+    return result_;
+}
+
+template <Features has>
+inline BlockResult BlockTracer<has>::draw(const SampleJob& job, const Block& block,
+                                          const DrawControl& control) {
+    begin(job, block, control);
     std::fill_n(block_.rays, block_.count, 1u);
     if (block_.paths != nullptr)
         std::fill_n(block_.paths, block_.count, std::uint64_t{0});
@@ -30,10 +44,7 @@ inline BlockResult BlockTracer<has>::draw(const SampleJob& job, const Block& blo
         std::fill_n(block_.cut, 3 * std::size_t{block_.count}, seen ? 0.0 : 1.0);
     if (draws)
         draw_samples();
-    report_now();
-    result_.counts.box_tests += spheres_.box_tests();
-    result_.counts.form_tests += spheres_.form_tests();
-    return result_;
+    return end();
 }
 
 template <Features has>

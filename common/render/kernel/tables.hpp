@@ -200,6 +200,20 @@ struct Block {
     std::uint32_t* rays;  ///< that it took
 };
 
+/// What the ray of a sample meets first.
+struct TableHit {
+    double place[3], normal[3]; ///< relative to Tables::center; unit, out of the leaf
+    /// The leaf; of spheres apart leaf_count and the sphere's number; none.
+    std::int64_t what;
+};
+
+/// Places on the screen, as in Block, and what stands there.
+struct FirstHits {
+    std::uint32_t count;
+    const double *x, *y;
+    TableHit* hits;
+};
+
 /// What the kernel asks of and tells its owner while it works.
 struct DrawControl {
     void* owner;
@@ -242,6 +256,7 @@ struct Features {
 struct KernelEntry {
     const char* isa;
     BlockResult (*draw_block)(const Tables&, const SampleJob&, const Block&, const DrawControl&);
+    BlockResult (*find_first_hits)(const Tables&, const FirstHits&, const DrawControl&);
     Features (*features_for)(const Tables&); ///< of the one that draws a scene
     void (*find_hits)(const Tables&, const RayBatch&);
 };

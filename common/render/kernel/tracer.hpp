@@ -82,9 +82,15 @@ public:
     /// Its tables may be gone.
     [[nodiscard]] std::uint64_t scene() const { return scene_; }
     BlockResult draw(const SampleJob& job, const Block& block, const DrawControl& control);
+    BlockResult find_first_hits(const FirstHits& block, const DrawControl& control);
 
 private:
+    // first_hits.hpp
+    void note_first_hits(std::size_t groups);
+
     // samples.hpp
+    void begin(const SampleJob& job, const Block& block, const DrawControl& control);
+    BlockResult end();
     void draw_samples();
     void show_background();
     /// A camera outside of every leaf is outside of every surface where these are the same.
@@ -187,6 +193,7 @@ private:
     DrawControl control_{};
     Walker walker_;
     PacketTracer spheres_;
+    TableHit* first_hits_ = nullptr; ///< of each sample: nothing else is asked for
     View view_ = View::everything;
     Beam beam_{};                       ///< they are in it, but where they may meet everything
     std::int32_t plane_in_view_ = none; ///< where they all meet one

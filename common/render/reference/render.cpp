@@ -42,6 +42,25 @@ public:
         return DrawnBlock{.rays = tracer.rays()};
     }
 
+    Result<RayCounts> find_first_hits(const FirstHitBlock& block,
+                                      RenderControl& control) const override {
+        Interrupt interrupt(control.stop);
+        SolidSearch solids(model_, interrupt);
+        for (std::size_t i = 0; i < block.x.size(); ++i) {
+            interrupt.poll();
+            const auto hit = solids.first_hit(model_.scene->world.solid,
+                                              model_.camera.ray(block.x[i], block.y[i]));
+            if (interrupt.raised())
+                return interrupt.error();
+            control.rays.fetch_add(1, std::memory_order_relaxed);
+            if (hit)
+                block.hits[i] = {.place = hit->surface.point.position,
+                                 .normal = normalized(hit->surface.normal),
+                                 .object = static_cast<std::uint32_t>(as_size(hit->solid)) + 1};
+        }
+        return RayCounts{.camera = block.x.size()};
+    }
+
 private:
     Model model_;
 };

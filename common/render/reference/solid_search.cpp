@@ -31,8 +31,11 @@ private:
 };
 
 std::optional<SolidHit> SolidSearch::first_hit(SolidIndex index, const Ray& ray) {
-    return std::visit([&](const auto& solid) { return first_hit_of(solid, ray); },
-                      model_.solids[as_size(index)]);
+    const PreparedSolid& solid = model_.solids[as_size(index)];
+    auto hit = std::visit([&](const auto& s) { return first_hit_of(s, ray); }, solid);
+    if (hit && std::holds_alternative<BasicSolid>(solid))
+        hit->solid = index;
+    return hit;
 }
 
 bool SolidSearch::contains(SolidIndex index, const Point& p, Border border) {

@@ -17,6 +17,7 @@ struct SolidHit {
     SurfaceHit surface;
     Volume inner;                ///< behind the surface, against its normal
     std::optional<Volume> outer; ///< before it; nothing: the world's ambient volume
+    SolidIndex solid{};          ///< the basic one whose surface it is
 };
 
 /// Asks what a ray meets among a model's solids. A ray that needs a priority the scene does not

@@ -1,6 +1,7 @@
 #include "common/render/sampling/tile_sampler.hpp"
 
 #include "common/image/quantise.hpp"
+#include "common/render/layers.hpp"
 #include "common/render/sampling/estimate.hpp"
 #include "common/render/sampling/sample_queue.hpp"
 
@@ -347,8 +348,12 @@ Result<RenderedTile> draw_adaptive(const CompiledScene& scene, const RenderSetti
 Result<RenderedTile> CompiledScene::render_tile(const RenderSettings& settings, PixelRect rect,
                                                 RenderControl& control) const {
     FRAJA_ASSERT(!rect.empty() && rect.inside(settings.size));
-    return settings.adaptive() ? draw_adaptive(*this, settings, rect, control)
-                               : draw_uniform(*this, settings, rect, control);
+    auto tile = settings.adaptive() ? draw_adaptive(*this, settings, rect, control)
+                                    : draw_uniform(*this, settings, rect, control);
+    if (tile && settings.layers)
+        if (const auto added = add_layers(*this, settings, *tile, control); !added)
+            return added.error();
+    return tile;
 }
 
 } // namespace fraja

@@ -61,7 +61,7 @@ TEST_CASE("a film keeps samples and errors where it is told to, and only there")
     const Film colours({100, 50}, region);
     CHECK(colours.samples().empty());
     CHECK(colours.error().empty());
-    Film both({100, 50}, region, Film::Keeps::estimates);
+    Film both({100, 50}, region, {.estimates = true});
     CHECK(std::ranges::count(both.samples(), 0.0F) == 6);
     CHECK(std::ranges::count(both.error(), 0.0F) == 6);
     both.place(numbered_tile({61, 41, 2, 1}));
@@ -69,7 +69,7 @@ TEST_CASE("a film keeps samples and errors where it is told to, and only there")
     CHECK(
         std::ranges::equal(both.samples(), std::vector{0.f, 0.f, 0.f, 0.f, 410'613.f, 410'623.f}));
     CHECK(std::ranges::equal(both.error(), std::vector{0.f, 0.f, 0.f, 0.f, 410'614.f, 410'624.f}));
-    CHECK(Film({8, 8}, {8, 8, 0, 0}, Film::Keeps::estimates).error().empty());
+    CHECK(Film({8, 8}, {8, 8, 0, 0}, {.estimates = true}).error().empty());
 }
 
 TEST_CASE("a film of colours takes a tile with samples and errors, and drops them") {
@@ -80,6 +80,20 @@ TEST_CASE("a film of colours takes a tile with samples and errors, and drops the
     CHECK(film.error().empty());
 }
 
+TEST_CASE("a film keeps layers plane by plane where it is told to, and only there") {
+    Film film({10, 10}, {4, 4, 2, 2}, {.layers = true});
+    Tile tile{.rect = {5, 4, 1, 2}, .rgb = std::vector<float>(6)};
+    for (std::size_t i = 0; i < 2 * layer_names.size(); ++i)
+        tile.layers.push_back(static_cast<float>(i + 1));
+    film.place(tile);
+    CHECK(std::ranges::equal(film.layers(), std::vector<float>{0, 1, 0, 2, 0, 3, 0, 4, 0, 5,
+                                                               0, 6, 0, 7, 0, 8, 0, 9, 0, 10}));
+    CHECK(film.samples().empty());
+    Film colours({10, 10}, {4, 4, 2, 2});
+    colours.place(tile);
+    CHECK(colours.layers().empty());
+}
+
 TEST_CASE("however a region is cut into tiles, the film is the same") {
     for_each_seed(100, [](Rng& rng) {
         const PixelRect region{static_cast<std::uint32_t>(rng.below(5)),
@@ -88,7 +102,7 @@ TEST_CASE("however a region is cut into tiles, the film is the same") {
                                static_cast<std::uint32_t>(1 + rng.below(9))};
         const auto width = static_cast<std::uint32_t>(1 + rng.below(4));
         const auto height = static_cast<std::uint32_t>(1 + rng.below(4));
-        Film film({20, 20}, region, Film::Keeps::estimates);
+        Film film({20, 20}, region, {.estimates = true});
         for (std::uint32_t y = 0; y < region.height; y += height)
             for (std::uint32_t x = 0; x < region.width; x += width)
                 film.place(

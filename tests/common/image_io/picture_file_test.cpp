@@ -1,5 +1,6 @@
 #include "common/image_io/picture_file.hpp"
 
+#include "common/base/rng.hpp"
 #include "tests/support/file_bytes.hpp"
 #include "tests/support/folder.hpp"
 
@@ -90,7 +91,7 @@ Film film_with_estimates(Extent size, PixelRect region) {
         const auto begin = floats.begin() + static_cast<std::ptrdiff_t>(from);
         return std::vector(begin, begin + static_cast<std::ptrdiff_t>(count));
     };
-    Film film(size, region, Film::Keeps::estimates);
+    Film film(size, region, {.estimates = true});
     film.place({region, part(2 * n, 3 * n), part(0, n), part(n, n)});
     return film;
 }
@@ -172,15 +173,68 @@ TEST_CASE("exr holds each pixel's samples and error to the bit, where the film k
     CHECK(read->extent == Extent{100, 80});
     CHECK(read->window == window);
     CHECK(same_bits(read->rgb, copy(film.pixels())));
-    CHECK(same_bits(read->samples, copy(film.samples())));
-    CHECK(same_bits(read->error, copy(film.error())));
+    REQUIRE(read->channels.size() == 2);
+    CHECK(read->channels[0].name == "error");
+    CHECK(same_bits(read->channels[0].values, copy(film.error())));
+    CHECK(read->channels[1].name == "samples");
+    CHECK(same_bits(read->channels[1].values, copy(film.samples())));
 
     REQUIRE(write_picture(folder / "b.exr", film_of({100, 80}, window, copy(film.pixels()))));
     const auto colours = read_radiance(folder / "b.exr");
     REQUIRE(colours);
     CHECK(same_bits(colours->rgb, copy(film.pixels())));
-    CHECK(colours->samples.empty());
-    CHECK(colours->error.empty());
+    CHECK(colours->channels.empty());
+}
+
+TEST_CASE("exr holds layers to the bit, also beside samples and errors, also beside half colours") {
+    const Folder folder;
+    const PixelRect window{1, 2, 5, 3};
+    const std::size_t n = window.pixel_count();
+    for (const bool half : {false, true})
+        for (const bool estimates : {false, true}) {
+            CAPTURE(half);
+            CAPTURE(estimates);
+            Film film({10, 10}, window, {.estimates = estimates, .layers = true});
+            std::vector<float> rgb(3 * n, 0.25f);
+            rgb[1] = 1.0f / 3;
+            film.place({.rect = window,
+                        .rgb = rgb,
+                        .samples = std::vector<float>(n, 7),
+                        .error = std::vector<float>(n, 1.0f / 3),
+                        .layers = odd_floats(layer_names.size() * n)});
+            REQUIRE(write_picture(folder / "a.exr", film, {}, {.half = half}));
+            const auto read = read_radiance(folder / "a.exr");
+            REQUIRE(read);
+            CHECK(read->rgb[0] == 0.25f);
+            CHECK((read->rgb[1] == rgb[1]) == !half);
+            CHECK(std::abs(read->rgb[1] - rgb[1]) < 2e-4f);
+            CHECK(read->channels.size() == layer_names.size() + (estimates ? 2 : 0));
+            for (const Channel& channel : read->channels) {
+                CAPTURE(channel.name);
+                const auto layer = std::ranges::find(layer_names, channel.name);
+                if (layer == layer_names.end()) {
+                    CHECK(channel.values[0] == (channel.name == "samples" ? 7 : 1.0f / 3));
+                    continue;
+                }
+                const auto which = static_cast<std::size_t>(layer - layer_names.begin());
+                const auto want = film.layers().subspan(which * n, n);
+                CHECK(same_bits(channel.values, std::vector(want.begin(), want.end())));
+            }
+        }
+}
+
+TEST_CASE("half colours take half the room") {
+    const Folder folder;
+    Rng rng(1);
+    Film film({64, 64});
+    std::vector<float> rgb(3 * 64 * 64);
+    for (float& c : rgb)
+        c = static_cast<float>(rng.unit()); // which no compression makes smaller
+    film.place({{0, 0, 64, 64}, rgb});
+    REQUIRE(write_picture(folder / "float.exr", film));
+    REQUIRE(write_picture(folder / "half.exr", film, {}, {.half = true}));
+    CHECK(fs::file_size(folder / "half.exr") <
+          0.6 * static_cast<double>(fs::file_size(folder / "float.exr")));
 }
 
 TEST_CASE("8-bit formats have no room for samples and errors: they hold the same colours") {
@@ -246,6 +300,15 @@ TEST_CASE("write_picture quantises for 8-bit formats and leaves out the attribut
               LevelsPicture{{2, 1}, {0, 128, 255, 255, 0, 0}});
         CHECK(bytes_of(folder / name).find("00ff") == std::string::npos);
     }
+}
+
+TEST_CASE("write_picture encodes by the transfer that is asked for") {
+    const Folder folder;
+    const Film film = film_of({1, 1}, {0, 0, 1, 1}, {0.18f, 0.5f, 1.0f});
+    REQUIRE(write_picture(folder / "a.png", film, {}, {.transfer = Transfer::srgb}));
+    CHECK(read_levels(folder / "a.png").value().rgb == std::vector<std::uint8_t>{118, 188, 255});
+    REQUIRE(write_picture(folder / "a.png", film, {}, {.transfer = Transfer::linear}));
+    CHECK(read_levels(folder / "a.png").value().rgb == std::vector<std::uint8_t>{46, 128, 255});
 }
 
 TEST_CASE("levels are not written where floats are expected") {

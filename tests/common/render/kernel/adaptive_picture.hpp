@@ -54,7 +54,7 @@ inline Scene of_file(std::string_view name) {
 /// The region, in tiles of so many pixels a side.
 inline Film film_of(const CompiledScene& scene, const RenderSettings& settings, PixelRect region,
                     std::uint32_t side) {
-    Film film(settings.size, region, Film::Keeps::estimates);
+    Film film(settings.size, region, {.estimates = true});
     RenderControl control;
     for (std::uint32_t y = 0; y < region.height; y += side)
         for (std::uint32_t x = 0; x < region.width; x += side) {

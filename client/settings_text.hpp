@@ -1,0 +1,24 @@
+// Settings in words: for people, and for the files that pictures are.
+#pragma once
+
+#include "common/image_io/picture_file.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+[[nodiscard]] std::string to_string(protocol::KernelChoice kernel);
+[[nodiscard]] std::string to_string(protocol::PixelFilter filter);
+/// For people: what decides the pixels beside scene and size.
+[[nodiscard]] std::string settings_text(const protocol::PictureSettings& settings);
+/// The same, and the size, as fraja-submit takes it: "-r 640x480 -d 5 -a 4".
+[[nodiscard]] std::string settings_options(const protocol::PictureSettings& settings);
+
+/// What it takes to make a job's picture again, and what making it took: rays, times, and when.
+/// Where SOURCE_DATE_EPOCH is set in the environment only what decides the pixels, so that two
+/// renders of one picture give the same file.
+[[nodiscard]] std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job);
+
+} // namespace fraja::client
