@@ -1,6 +1,9 @@
 // fraja-broker: reads the options and runs the broker.
+#include "broker/board.hpp"
+#include "broker/http_server.hpp"
 #include "broker/restore.hpp"
 #include "broker/shell.hpp"
+#include "broker/status_pages.hpp"
 #include "broker/store.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_schema.hpp"
@@ -19,6 +22,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fmt/core.h>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -41,6 +45,7 @@ Deals out the tiles of submitted pictures to workers and publishes them as they 
 struct Arguments {
     broker::Options options;
     std::string state; ///< empty: the default, where there can be one
+    std::string http;  ///< empty: no pages
     std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m";
     service::LogOptions log;
     bool check = false;
@@ -157,6 +162,11 @@ void add_options(CLI::App& app, Arguments& arguments) {
         ->default_str("$XDG_STATE_HOME/fraja");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
+    app.add_option("--http", arguments.http,
+                   "Where /metrics (for Prometheus) and /healthz are served; port 0: the system "
+                   "chooses; it is printed")
+        ->envname("FRAJA_HTTP")
+        ->type_name("ADDR:PORT");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")
         ->capture_default_str();
     app.add_option("--liveness", options.limits.liveness, "Beats that a worker or client may miss")
@@ -197,19 +207,34 @@ std::string summary(const broker::Figures& figures) {
 int run(Arguments& arguments, const net::SignalWatch& signals) {
     service::Logger logger("fraja-broker", arguments.log);
     service::Notifier notifier;
+    broker::Board board;
     broker::Options& options = arguments.options;
+    std::optional<broker::HttpServer> http;
+    if (!arguments.http.empty()) {
+        auto bound = broker::HttpServer::bind(arguments.http, status_pages(board, options.state));
+        if (!bound)
+            return usage_error("--http: " + bound.error().message);
+        http = std::move(*bound);
+    }
     const auto tell = [&](const std::string& text) { logger.log({LogLevel::info, {}, {}, text}); };
     options.signals = &signals;
     options.on_log = [&](const LogLine& line) { logger.log(line); };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
         fmt::print("listening {} stream {}\n", bound, stream);
+        if (http) {
+            http->serve();
+            fmt::print("http {}\n", http->address());
+        }
         std::fflush(stdout);
+        if (http)
+            tell("metrics and health are shown at " + http->address());
         tell(options.state.empty() ? "jobs are kept in memory only: they end with this process"
                                    : "jobs are kept in " + options.state.string());
     };
-    options.on_report = [&, is_ready = false](const broker::Report& report) mutable {
-        const std::string status = summary(report.figures);
-        std::exchange(is_ready, true) ? notifier.status(status) : notifier.ready(status);
+    options.on_report = [&, told = std::string()](const broker::Report& report) mutable {
+        board.post(report);
+        if (const std::string status = summary(report.figures); status != told)
+            std::exchange(told, status).empty() ? notifier.ready(status) : notifier.status(status);
         notifier.alive(report.at);
         logger.tell_due();
     };
@@ -256,6 +281,12 @@ int main(int argc, char** argv) {
     options.limits.lease = *lease;
     if (const auto read = complete_upstream(options); !read)
         return usage_error(read.error().message);
+    if (!arguments.http.empty()) {
+        const auto endpoint = broker::http_endpoint(arguments.http, options.insecure);
+        if (!endpoint)
+            return usage_error("--http: " + endpoint.error().message);
+        arguments.http = *endpoint;
+    }
     if (arguments.state.empty())
         arguments.state = default_state();
     if (arguments.check)
