@@ -3,10 +3,10 @@
 #include "common/net/clock.hpp"
 #include "tests/support/connection.hpp"
 
-#include <atomic>
-#include <condition_variable>
 #include <doctest/doctest.h>
-#include <mutex>
+#include <optional>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 using namespace fraja;

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <doctest/doctest.h>
 #include <fstream>
+#include <string>
+#include <utility>
 
 using namespace fraja;
 using namespace fraja::broker;

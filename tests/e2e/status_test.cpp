@@ -5,10 +5,11 @@
 #include "tests/support/connection.hpp"
 #include "tests/support/messages.hpp"
 
-#include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <map>
 #include <regex>
+#include <set>
 #include <sstream>
 
 using namespace fraja;
