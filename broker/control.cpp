@@ -186,11 +186,17 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
     switch (control.deed) {
     case WorkerDeed::drain:
         change_room(worker_peer, worker, [&] { worker.drained = true; });
-        log(LogLevel::info, "worker " + worker.hello.worker_name + " is drained");
+        log({.level = LogLevel::info,
+             .kind = "worker_drained",
+             .subject = worker.hello.worker_name,
+             .text = "worker " + worker.hello.worker_name + " is drained"});
         break;
     case WorkerDeed::undrain:
         change_room(worker_peer, worker, [&] { undrain(worker); });
-        log(LogLevel::info, "worker " + worker.hello.worker_name + " gets tiles again");
+        log({.level = LogLevel::info,
+             .kind = "worker_undrained",
+             .subject = worker.hello.worker_name,
+             .text = "worker " + worker.hello.worker_name + " gets tiles again"});
         break;
     case WorkerDeed::kick:
         break;
@@ -229,8 +235,10 @@ void Dispatcher::undrain_absent(const PeerId& peer, const std::string& what) {
     for (const auto& absent : found)
         undrain(absent->second.session);
     const WorkerSession& worker = found.front()->second.session;
-    log(LogLevel::info,
-        "worker " + worker.hello.worker_name + " gets tiles again when it comes back");
+    log({.level = LogLevel::info,
+         .kind = "worker_undrained",
+         .subject = worker.hello.worker_name,
+         .text = "worker " + worker.hello.worker_name + " gets tiles again when it comes back"});
     send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}});
 }
 
@@ -244,10 +252,12 @@ void Dispatcher::count_machine_failure(const PeerId& peer, WorkerSession& worker
         return;
     change_room(peer, worker, [&] { worker.quarantined_until = now_ + limits_.quarantine_window; });
     ++counters_.workers_quarantined;
-    log(LogLevel::warning, "worker " + worker.hello.worker_name + " has failed " +
-                               std::to_string(worker.failures.size()) +
-                               " tiles: it gets none for " +
-                               format_duration(limits_.quarantine_window));
+    log({.level = LogLevel::warning,
+         .kind = "worker_quarantined",
+         .subject = worker.hello.worker_name,
+         .text = "worker " + worker.hello.worker_name + " has failed " +
+                 std::to_string(worker.failures.size()) + " tiles: it gets none for " +
+                 format_duration(limits_.quarantine_window)});
 }
 
 void Dispatcher::end_quarantines() {
@@ -259,8 +269,11 @@ void Dispatcher::end_quarantines() {
                 worker.quarantined_until.reset();
                 worker.failures.clear();
             });
-            log(LogLevel::info, "worker " + worker.hello.worker_name + " gets tiles again" +
-                                    (nobody_else ? ": there is no other" : ""));
+            log({.level = LogLevel::info,
+                 .kind = "quarantine_over",
+                 .subject = worker.hello.worker_name,
+                 .text = "worker " + worker.hello.worker_name + " gets tiles again" +
+                         (nobody_else ? ": there is no other" : "")});
         }
 }
 

@@ -326,6 +326,7 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
     const std::uint32_t probe_side = grant.probe_side;
     FRAJA_ASSERT(worker.grants.size() < worker.room());
     attempts_ = static_cast<std::uint32_t>(attempt);
+    ++counters_.tiles_sent;
     const TileIndex tile = probe_side > 0 ? TileIndex{} : job.index(grant.tile);
     const auto started = static_cast<std::size_t>(std::ranges::count_if(
         worker.grants, [](const auto& other) { return other.second.started_at.has_value(); }));

@@ -79,9 +79,9 @@ void Dispatcher::send(const PeerId& peer, protocol::Message message) {
     actions_->push_back(Send{peer, std::move(message)});
 }
 
-void Dispatcher::log(LogLevel level, std::string text) {
+void Dispatcher::log(Log line) {
     FRAJA_ASSERT(actions_ != nullptr);
-    actions_->push_back(Log{level, std::move(text)});
+    actions_->push_back(std::move(line));
 }
 
 Job* Dispatcher::job_of(const JobId& id) {

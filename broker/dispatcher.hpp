@@ -5,6 +5,7 @@
 #include "broker/blob_store.hpp"
 #include "broker/events.hpp"
 #include "broker/fetch_times.hpp"
+#include "broker/figures.hpp"
 #include "broker/job.hpp"
 #include "broker/limits.hpp"
 #include "broker/ready_jobs.hpp"
@@ -25,20 +26,6 @@
 #include <vector>
 
 namespace fraja::broker {
-
-/// What went wrong so far, by kind.
-struct Counters {
-    std::uint64_t rubbish = 0;       ///< bytes that were no message
-    std::uint64_t wrong_version = 0; ///< messages of another version
-    std::uint64_t unexpected = 0;    ///< messages that had no place in their session
-    std::uint64_t stale_answers = 0; ///< answers for tiles that nobody waits for
-    std::uint64_t workers_lost = 0;
-    std::uint64_t workers_quarantined = 0;
-    std::uint64_t tiles_requeued = 0;
-    std::uint64_t tiles_overbooked = 0; ///< given out once more, as they took long
-    std::uint64_t answers_unneeded = 0; ///< somebody else was first
-    friend bool operator==(const Counters&, const Counters&) = default;
-};
 
 class Dispatcher {
 public:
@@ -64,6 +51,8 @@ public:
     /// Of workers that have room for tiles, if not at the moment.
     [[nodiscard]] std::uint64_t thread_count() const { return threads_with_credit_; }
     [[nodiscard]] std::vector<OrderProgress> order_progress() const;
+    /// Looks at every job and worker.
+    [[nodiscard]] Figures figures() const;
     /// What a person wants to know, one line each: for USR1.
     [[nodiscard]] std::vector<std::string> describe(Instant now) const;
 
@@ -154,6 +143,7 @@ private:
     void drop_silent_peers();
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
+    void turn_away(const PeerId& peer, protocol::RefusalCode code, const std::string& reason);
 
     // jobs.cpp: what is to be done
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
@@ -334,8 +324,12 @@ private:
     void repair(const PeerId& peer, const protocol::Repair& repair);
     [[nodiscard]] bool wants_digest(const Job& job) const;
 
+    // figures.cpp: in numbers
+    void count_jobs(Figures& all) const;
+    void count_workers(Figures& all) const;
+
     void send(const PeerId& peer, protocol::Message message);
-    void log(LogLevel level, std::string text);
+    void log(Log line);
 
     Identity identity_;
     Limits limits_;

@@ -4,6 +4,7 @@
 #include "broker/contents.hpp"
 #include "broker/writes.hpp"
 #include "common/base/instant.hpp"
+#include "common/base/log_line.hpp"
 #include "common/base/result.hpp"
 #include "common/protocol/messages.hpp"
 
@@ -130,11 +131,7 @@ struct OrderFailed {
     protocol::FailureCode code{}; ///< whose fault it is
     std::string reason;
 };
-enum class LogLevel : std::uint8_t { debug, info, warning, error };
-struct Log {
-    LogLevel level;
-    std::string text;
-};
+using Log = LogLine;
 
 using Action =
     std::variant<Send, Publish, Persist, SendStored, LoadScene, OrderFilled, OrderFailed, Log>;

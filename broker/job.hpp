@@ -76,6 +76,8 @@ public:
     [[nodiscard]] bool all_done() const {
         return done_count_ == grid_.count() * passes_ || (time_is_up_ && first_pass_left_ == 0);
     }
+    /// Of all passes: those that are not done.
+    [[nodiscard]] std::uint64_t cells_left() const { return grid_.count() * passes_ - done_count_; }
     /// How many passes are drawn at most; 1 of a picture without a time limit.
     [[nodiscard]] std::uint32_t passes() const { return passes_; }
     /// Before anything is handed out, and 1 at least: so many only.

@@ -217,9 +217,11 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
         return refuse(peer, refusal_of(room.error().code), room.error().message, submission.job);
     make_room(*room, submission);
     if (fresh.passes() < pass_count(submission.settings))
-        log(LogLevel::warning, described(fresh) + ": of " +
-                                   std::to_string(pass_count(submission.settings)) +
-                                   " passes there is room for " + std::to_string(fresh.passes()));
+        log({.level = LogLevel::warning,
+             .kind = "passes_cut",
+             .subject = to_string(fresh.id()),
+             .text = described(fresh) + ": of " + std::to_string(pass_count(submission.settings)) +
+                     " passes there is room for " + std::to_string(fresh.passes())});
     Job& job = jobs_.emplace(submission.job, std::move(fresh)).first->second;
     job.join(party_of(job));
     job.submitted_at = job.scene_came_on_at = now_;
@@ -365,13 +367,17 @@ void Dispatcher::want_probe(Job& job) {
 void Dispatcher::acknowledge(Job& job) {
     job.phase = JobPhase::queued;
     job.acknowledged_at = now_;
+    ++counters_.jobs_acknowledged;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     const SubmitJob& s = job.submission();
     want_probe(job);
     look_ready(job);
-    log(LogLevel::info,
-        described(job) + ": " + std::to_string(s.settings.crop.pixel_count()) + " pixel(s) queued");
+    log({.level = LogLevel::info,
+         .kind = "job_queued",
+         .subject = to_string(job.id()),
+         .text = described(job) + ": " + std::to_string(s.settings.crop.pixel_count()) +
+                 " pixel(s) queued"});
     publish_state(job);
 }
 
@@ -418,7 +424,10 @@ void Dispatcher::end_jobs_whose_time_is_up() {
         if (job.all_done())
             end_job(job, JobPhase::done, "");
         else
-            log(LogLevel::info, described(job) + ": its time is up before its first pass is done");
+            log({.level = LogLevel::info,
+                 .kind = "job_late",
+                 .subject = to_string(job.id()),
+                 .text = described(job) + ": its time is up before its first pass is done"});
     }
 }
 
@@ -436,12 +445,18 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, Fa
         return end_order(job, phase, fault);
     keep_phase(job);
     const auto state = state_of(job);
-    log(phase == JobPhase::failed ? LogLevel::warning : LogLevel::info,
-        described(job) +
-            (phase == JobPhase::done     ? " is done"
-             : phase == JobPhase::failed ? " failed: " + job.reason
-                                         : " was cancelled") +
-            " after " + format_duration(state.elapsed));
+    const bool failed = phase == JobPhase::failed, done = phase == JobPhase::done;
+    ++(done ? counters_.jobs_done : failed ? counters_.jobs_failed : counters_.jobs_cancelled);
+    log({.level = failed ? LogLevel::warning : LogLevel::info,
+         .kind = done     ? "job_done"
+                 : failed ? "job_failed"
+                          : "job_cancelled",
+         .subject = to_string(job.id()),
+         .text = described(job) +
+                 (done     ? " is done"
+                  : failed ? " failed: " + job.reason
+                           : " was cancelled") +
+                 " after " + format_duration(state.elapsed)});
     publish_state(job);
     const auto over =
         std::ranges::count_if(jobs_, [](const auto& j) { return is_over(j.second.phase); });

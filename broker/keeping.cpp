@@ -61,7 +61,10 @@ void Dispatcher::on(const Stored& event) {
 
 void Dispatcher::on(const StoreFails& event) {
     store_trouble_ = event.reason;
-    log(LogLevel::error, "nothing can be kept, so nothing is handed out: " + event.reason);
+    log({.level = LogLevel::error,
+         .kind = "store_fails",
+         .subject = {},
+         .text = "nothing can be kept, so nothing is handed out: " + event.reason});
     for (const auto& [id, job] : jobs_)
         if (!is_over(job.phase))
             publish_state(job);
@@ -69,7 +72,10 @@ void Dispatcher::on(const StoreFails& event) {
 
 void Dispatcher::on(const StoreWorks&) {
     store_trouble_.clear();
-    log(LogLevel::info, "what is done is kept again: going on");
+    log({.level = LogLevel::info,
+         .kind = "store_works",
+         .subject = {},
+         .text = "what is done is kept again: going on"});
     for (const auto& [id, job] : jobs_)
         if (!is_over(job.phase))
             publish_state(job);
@@ -93,8 +99,11 @@ void Dispatcher::on(const Restored& event) {
         restore(stored, event);
     last_number_ = std::max(last_number_, event.contents.last_number);
     if (!jobs_.empty())
-        log(LogLevel::info, std::to_string(jobs_.size()) + " job(s) are here from before, " +
-                                std::to_string(ready_.size()) + " to go on with");
+        log({.level = LogLevel::info,
+             .kind = "restored",
+             .subject = {},
+             .text = std::to_string(jobs_.size()) + " job(s) are here from before, " +
+                     std::to_string(ready_.size()) + " to go on with"});
 }
 
 void Dispatcher::restore(const StoredJob& stored, const Restored& event) {

@@ -1,6 +1,9 @@
 // fraja-broker: reads the options and runs the broker.
+#include "broker/board.hpp"
+#include "broker/http_server.hpp"
 #include "broker/restore.hpp"
 #include "broker/shell.hpp"
+#include "broker/status_pages.hpp"
 #include "broker/store.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_schema.hpp"
@@ -10,6 +13,8 @@
 #include "common/cli/command_line.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
+#include "common/service/logger.hpp"
+#include "common/service/notifier.hpp"
 #include "worker/options.hpp"
 
 #include <CLI/CLI.hpp>
@@ -18,11 +23,10 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fmt/core.h>
-#include <iostream>
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/spdlog.h>
+#include <optional>
 #include <string>
 #include <system_error>
+#include <utility>
 
 namespace {
 
@@ -43,8 +47,9 @@ Deals out the tiles of submitted pictures to workers and publishes them as they 
 struct Arguments {
     broker::Options options;
     std::string state; ///< empty: the default, where there can be one
-    std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m",
-                log_level = "info";
+    std::string http;  ///< empty: no pages
+    std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m";
+    service::LogOptions log;
     bool check = false;
 };
 
@@ -104,13 +109,18 @@ Result<void> complete_upstream(broker::Options& options) {
 }
 
 /// The system's own limit is often below ours: then it is raised, or people are told.
-void make_room_for_peers(const broker::Limits& limits, spdlog::logger& logger) {
+void make_room_for_peers(const broker::Limits& limits, service::Logger& logger) {
     const std::size_t wanted = broker::connections_max(limits);
     const std::size_t room = net::reserve_connections(wanted);
     if (room < wanted)
-        logger.warn("there is room for {} connections, and {} workers and {} clients take {}: the "
-                    "system lets this process have no more file descriptors (ulimit -Hn)",
-                    room, limits.workers_max, limits.clients_max, wanted);
+        logger.log(
+            {LogLevel::warning,
+             {},
+             {},
+             fmt::format("there is room for {} connections, and {} workers and {} clients take "
+                         "{}: the system lets this process have no more file descriptors (ulimit "
+                         "-Hn)",
+                         room, limits.workers_max, limits.clients_max, wanted)});
 }
 
 /// What is in the store, for people; read to the last byte.
@@ -143,20 +153,6 @@ int check_state(const std::string& state) {
     return 0;
 }
 
-spdlog::level::level_enum to_spdlog(broker::LogLevel level) {
-    switch (level) {
-    case broker::LogLevel::debug:
-        return spdlog::level::debug;
-    case broker::LogLevel::info:
-        return spdlog::level::info;
-    case broker::LogLevel::warning:
-        return spdlog::level::warn;
-    case broker::LogLevel::error:
-        return spdlog::level::err;
-    }
-    return spdlog::level::info;
-}
-
 void add_options(CLI::App& app, Arguments& arguments) {
     broker::Options& options = arguments.options;
     app.set_version_flag("--version", version_line(program));
@@ -175,6 +171,11 @@ void add_options(CLI::App& app, Arguments& arguments) {
         ->default_str("$XDG_STATE_HOME/fraja");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
+    app.add_option("--http", arguments.http,
+                   "Where /metrics (for Prometheus) and /healthz are served; port 0: the system "
+                   "chooses; it is printed")
+        ->envname("FRAJA_HTTP")
+        ->type_name("ADDR:PORT");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")
         ->capture_default_str();
     app.add_option("--liveness", options.limits.liveness, "Beats that a worker or client may miss")
@@ -202,9 +203,59 @@ void add_options(CLI::App& app, Arguments& arguments) {
     app.add_option("--keep", arguments.keep, "How long jobs that are over are kept")
         ->capture_default_str();
     app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
-    app.add_option("--log-level", arguments.log_level, "debug, info, warning or error")
-        ->capture_default_str()
-        ->check(CLI::IsMember({"debug", "info", "warning", "error"}));
+    service::add_log_options(app, arguments.log);
+}
+
+/// As `systemctl status` shows it.
+std::string summary(const broker::Figures& figures) {
+    return fmt::format("{} worker(s), {} tile(s) in flight, {} job(s) with tiles to give",
+                       figures.workers(), figures.tiles_in_flight, figures.jobs_ready);
+}
+
+/// The broker with what it owes to whoever runs it: a log, pages, and signs of life.
+int run(Arguments& arguments, const net::SignalWatch& signals) {
+    service::Logger logger(program, arguments.log);
+    service::Notifier notifier;
+    broker::Board board;
+    broker::Options& options = arguments.options;
+    std::optional<broker::HttpServer> http;
+    if (!arguments.http.empty()) {
+        auto bound = broker::HttpServer::bind(arguments.http, status_pages(board, options.state));
+        if (!bound)
+            return fail("--http: " + bound.error().message);
+        http = std::move(*bound);
+    }
+    const auto tell = [&](const std::string& text) { logger.log({LogLevel::info, {}, {}, text}); };
+    options.signals = &signals;
+    options.on_log = [&](const LogLine& line) { logger.log(line); };
+    options.on_listening = [&](const std::string& bound, const std::string& stream) {
+        fmt::print("listening {} stream {}\n", bound, stream);
+        if (http) {
+            http->serve();
+            fmt::print("http {}\n", http->address());
+        }
+        std::fflush(stdout);
+        if (http)
+            tell("metrics and health are shown at " + http->address());
+        tell(options.state.empty() ? "jobs are kept in memory only: they end with this process"
+                                   : "jobs are kept in " + options.state.string());
+    };
+    options.on_report = [&, told = std::string()](const broker::Report& report) mutable {
+        board.post(report);
+        if (const std::string status = summary(report.figures); status != told)
+            std::exchange(told, status).empty() ? notifier.ready(status) : notifier.status(status);
+        notifier.alive(report.at);
+        logger.tell_due();
+    };
+    options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
+
+    make_room_for_peers(options.limits, logger);
+    const net::Context context;
+    const broker::Control control;
+    const auto ran = broker::run_broker(context, options, control);
+    if (!ran)
+        return fail(ran.error().message);
+    return 0;
 }
 
 } // namespace
@@ -236,6 +287,12 @@ int main(int argc, char** argv) {
     options.limits.lease = *lease;
     if (const auto read = complete_upstream(options); !read)
         return usage_error(read.error().message);
+    if (!arguments.http.empty()) {
+        const auto endpoint = broker::http_endpoint(arguments.http, options.insecure);
+        if (!endpoint)
+            return usage_error("--http: " + endpoint.error().message);
+        arguments.http = *endpoint;
+    }
     if (arguments.state.empty())
         arguments.state = default_state();
     if (arguments.check)
@@ -243,27 +300,5 @@ int main(int argc, char** argv) {
     if (arguments.state != "none")
         options.state = arguments.state;
 
-    const auto logger = spdlog::stderr_color_mt(program);
-    logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
-    logger->set_level(spdlog::level::from_str(arguments.log_level));
-    options.signals = &signals;
-    options.on_log = [&](broker::LogLevel level, const std::string& text) {
-        logger->log(to_spdlog(level), "{}", text);
-    };
-    options.on_listening = [&](const std::string& bound, const std::string& stream) {
-        fmt::print("listening {} stream {}\n", bound, stream);
-        std::fflush(stdout);
-        if (arguments.state == "none")
-            logger->info("jobs are kept in memory only: they end with this process");
-        else
-            logger->info("jobs are kept in {}", arguments.state);
-    };
-
-    make_room_for_peers(options.limits, *logger);
-    const net::Context context;
-    const broker::Control control;
-    const auto ran = broker::run_broker(context, options, control);
-    if (!ran)
-        return fail(ran.error().message);
-    return 0;
+    return run(arguments, signals);
 }

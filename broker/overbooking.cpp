@@ -137,11 +137,13 @@ void Dispatcher::help_out() {
         if (late.work / parts / help.speed + round_trip_s > bearable_s)
             continue;
         const PixelRect r = job.rect(job.tile(late.id));
-        log(LogLevel::debug, "job #" + std::to_string(job.number()) + ", " +
-                                 std::to_string(r.width) + "x" + std::to_string(r.height) +
-                                 " pixels at " + std::to_string(r.x) + "," + std::to_string(r.y) +
-                                 ": late on " + workers_.at(late.peer).hello.worker_name +
-                                 ", given out once more in " + std::to_string(parts) + " part(s)");
+        log({.level = LogLevel::debug,
+             .kind = "tile_late",
+             .subject = to_string(job.id()),
+             .text = "job #" + std::to_string(job.number()) + ", " + std::to_string(r.width) + "x" +
+                     std::to_string(r.height) + " pixels at " + std::to_string(r.x) + "," +
+                     std::to_string(r.y) + ": late on " + workers_.at(late.peer).hello.worker_name +
+                     ", given out once more in " + std::to_string(parts) + " part(s)"});
         job.overbook(late.id, parts);
         ++counters_.tiles_overbooked;
         look_ready(job);

@@ -11,29 +11,31 @@ namespace fraja::broker {
 
 using namespace protocol;
 
-namespace {
-
-/// Repeated faults are told at the 1st, 2nd, 4th, 8th ... time, so that nobody can flood the log.
-bool worth_telling(std::uint64_t count) {
-    return (count & (count - 1)) == 0;
-}
-
-} // namespace
-
 void Dispatcher::refuse(const PeerId& peer, RefusalCode code, const std::string& reason,
                         JobId job) {
     // A reason may quote what came, and has room for less than all of it.
     send(peer, Refused{code, job, std::string(clipped(reason, string_bytes_max))});
 }
 
+/// Somebody who has said hello.
+void Dispatcher::turn_away(const PeerId& peer, RefusalCode code, const std::string& reason) {
+    ++counters_.peers_refused;
+    log({.level = LogLevel::warning,
+         .kind = "peer_refused",
+         .subject = {},
+         .text = "refused a hello: " + reason});
+    refuse(peer, code, reason);
+}
+
 void Dispatcher::on(const PeerSpokeRubbish& event) {
     const bool version = event.error.code == ErrorCode::version_mismatch;
-    const std::uint64_t count = version ? ++counters_.wrong_version : ++counters_.rubbish;
-    if (worth_telling(count))
-        log(LogLevel::warning,
-            "refused " + std::to_string(count) + " " +
-                (version ? "message(s) of another version" : "malformed message(s)") +
-                " so far; the last: " + event.error.message);
+    ++(version ? counters_.wrong_version : counters_.rubbish);
+    log({.level = LogLevel::warning,
+         .kind = version ? "wrong_version" : "rubbish",
+         .subject = {},
+         .text = std::string("refused a ") +
+                 (version ? "message of another version: " : "malformed message: ") +
+                 event.error.message});
     refuse(event.peer, version ? RefusalCode::version_mismatch : RefusalCode::malformed,
            event.error.message);
 }
@@ -71,23 +73,23 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     if (hello.threads == 0 || hello.credit > credit_max || too_long(hello.worker_name) ||
         !(hello.speed_rays_per_s <= speed_rays_per_s_max) || hello.tags.size() > tags_max ||
         std::ranges::any_of(hello.tags, too_long))
-        return refuse(peer, RefusalCode::limit_exceeded,
-                      "a WorkerHello beyond the limits of the protocol");
+        return turn_away(peer, RefusalCode::limit_exceeded,
+                         "a WorkerHello beyond the limits of the protocol");
     if (const auto known = peer_of_worker_.find(hello.worker); known != peer_of_worker_.end()) {
         const auto old = workers_.find(known->second);
         if (known->second == peer && hello.incarnation == old->second.hello.incarnation)
             return; // the same hello has come twice
         if (hello.incarnation < old->second.hello.incarnation)
-            return refuse(peer, RefusalCode::conflict,
-                          "a newer incarnation of this worker is here");
+            return turn_away(peer, RefusalCode::conflict,
+                             "a newer incarnation of this worker is here");
         end_worker(old, Departure::replaced, "it said hello again");
     }
     if (const auto same_peer = workers_.find(peer); same_peer != workers_.end())
         end_worker(same_peer, Departure::replaced, "its connection says to be another worker");
     end_client(peer, Departure::replaced);
     if (workers_.size() >= limits_.workers_max)
-        return refuse(peer, RefusalCode::limit_exceeded,
-                      "this broker takes " + std::to_string(limits_.workers_max) + " workers");
+        return turn_away(peer, RefusalCode::limit_exceeded,
+                         "this broker takes " + std::to_string(limits_.workers_max) + " workers");
     WorkerSession& worker = workers_[peer];
     worker.hello = hello;
     worker.heard_at = now_;
@@ -97,9 +99,13 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
     set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
-    log(LogLevel::info, "worker " + hello.worker_name +
-                            " is here: " + std::to_string(hello.threads) + " thread(s), credit " +
-                            std::to_string(hello.credit) + ", version " + hello.program_version);
+    ++counters_.workers_welcomed;
+    log({.level = LogLevel::info,
+         .kind = "worker_here",
+         .subject = hello.worker_name,
+         .text = "worker " + hello.worker_name + " is here: " + std::to_string(hello.threads) +
+                 " thread(s), credit " + std::to_string(hello.credit) + ", version " +
+                 hello.program_version});
     send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
                        identity_.stream, std::string(fraja::version), hello.incarnation});
 }
@@ -108,8 +114,8 @@ void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
     if (const auto worker = workers_.find(peer); worker != workers_.end())
         end_worker(worker, Departure::replaced, "its connection says to be a client");
     if (!clients_.contains(peer) && clients_.size() >= limits_.clients_max)
-        return refuse(peer, RefusalCode::limit_exceeded,
-                      "this broker takes " + std::to_string(limits_.clients_max) + " clients");
+        return turn_away(peer, RefusalCode::limit_exceeded,
+                         "this broker takes " + std::to_string(limits_.clients_max) + " clients");
     clients_[peer] = ClientSession{hello.client_name, now_};
     send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
                        identity_.stream, std::string(fraja::version), 0});
@@ -154,7 +160,10 @@ void Dispatcher::from_client(const PeerId& peer, const Message& message) {
 void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
     const auto credit = static_cast<std::uint32_t>(std::min<std::size_t>(beat.credit, credit_max));
     if (credit == 0 && worker.credit > 0)
-        log(LogLevel::info, "worker " + worker.hello.worker_name + " drains");
+        log({.level = LogLevel::info,
+             .kind = "worker_drains",
+             .subject = worker.hello.worker_name,
+             .text = "worker " + worker.hello.worker_name + " drains"});
     if (credit != worker.credit)
         set_credit(peer, worker, credit);
 
@@ -188,11 +197,13 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
     WorkerSession session = std::move(worker->second);
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);
-    if (departure == Departure::lost)
-        ++counters_.workers_lost;
-    log(departure == Departure::lost ? LogLevel::warning : LogLevel::info,
-        "worker " + session.hello.worker_name + " is gone (" + why + "); " +
-            std::to_string(session.grants.size()) + " tile(s) requeued");
+    const bool lost = departure == Departure::lost;
+    counters_.workers_lost += lost;
+    log({.level = lost ? LogLevel::warning : LogLevel::info,
+         .kind = lost ? "worker_lost" : "worker_gone",
+         .subject = session.hello.worker_name,
+         .text = "worker " + session.hello.worker_name + " is gone (" + why + "); " +
+                 std::to_string(session.grants.size()) + " tile(s) requeued"});
     // A tile that was being rendered when its worker died may be what killed it: that counts as a
     // failure.
     std::vector<std::pair<Instant, GrantKey>> by_age;
@@ -203,8 +214,7 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
     // The newest go back first, so that the oldest ends up at the front of the queue.
     for (std::size_t i = by_age.size(); i-- > 0;) {
         const GrantKey& key = by_age[i].second;
-        const bool counts = departure == Departure::lost &&
-                            (i < session.hello.threads || session.grants.at(key).rays > 0);
+        const bool counts = lost && (i < session.hello.threads || session.grants.at(key).rays > 0);
         count_grant_of_order(key.job, false);
         if (take_back(key, session.grants.at(key), counts, session, "the worker was lost"))
             blamed.emplace_back(key.job, session.grants.at(key).id);
@@ -267,8 +277,11 @@ void Dispatcher::end_client(const PeerId& peer, Departure departure) {
 void Dispatcher::note_own_absence(Duration since_last_step) {
     if (since_last_step <= limits_.heartbeat || (workers_.empty() && clients_.empty()))
         return;
-    log(LogLevel::warning,
-        "this broker did nothing for " + format_duration(since_last_step) + ", and heard nobody");
+    log({.level = LogLevel::warning,
+         .kind = "stood_still",
+         .subject = {},
+         .text = "this broker did nothing for " + format_duration(since_last_step) +
+                 ", and heard nobody"});
     for (auto& [peer, worker] : workers_) {
         worker.heard_at = worker.heard_at + since_last_step;
         for (auto& [key, grant] : worker.grants)

@@ -30,6 +30,10 @@ std::uint64_t new_epoch() {
         std::chrono::duration_cast<std::chrono::microseconds>(since_1970).count());
 }
 
+std::uint64_t packet_bytes(const protocol::Packet& packet) {
+    return packet.header.size() + packet.body.size() + byte_count(packet.blobs);
+}
+
 /// What a broker keeps, and what it found there.
 struct Kept {
     std::uint64_t epoch = 0;
@@ -64,10 +68,10 @@ public:
     Shell(const net::Context& context, net::RouterSocket router, net::PublisherSocket publisher,
           std::unique_ptr<Kept> kept, const net::Waker& waker, const Options& options)
         : router_(std::move(router)), publisher_(std::move(publisher)), kept_(std::move(kept)),
-          waker_(waker), options_(options),
-          dispatcher_({random_id<BrokerId>(), kept_ ? kept_->epoch : new_epoch(),
-                       publisher_.endpoint(), kept_ != nullptr},
-                      options.limits) {
+          waker_(waker), options_(options), epoch_(kept_ ? kept_->epoch : new_epoch()),
+          dispatcher_({random_id<BrokerId>(), epoch_, publisher_.endpoint(), kept_ != nullptr},
+                      options.limits),
+          next_report_(options.on_report ? Instant{} : Instant::never()) {
         if (!options.upstream.broker.empty())
             upstream_.emplace(
                 context, options.upstream, [this] { return dispatcher_.order_progress(); },
@@ -80,11 +84,12 @@ public:
             step(std::exchange(kept_->restored, {}));
         step(Tick{});
         while (!control.stopping() && !stopped_by_signal_) {
+            report_if_due();
             std::vector<net::Waitable> waitables{router_, publisher_, control.waker().fd(),
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
-            Instant deadline = dispatcher_.next_deadline();
+            Instant deadline = std::min(dispatcher_.next_deadline(), next_report_);
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
                 if (const net::Socket* socket = upstream_->socket())
@@ -107,6 +112,19 @@ public:
     }
 
 private:
+    void report_if_due() {
+        const Instant now = net::now();
+        if (now < next_report_)
+            return;
+        next_report_ = now + report_interval;
+        report_.at = now;
+        report_.epoch = epoch_;
+        report_.figures = dispatcher_.figures();
+        if (kept_)
+            report_.written = kept_->writer.totals();
+        options_.on_report(report_);
+    }
+
     void take_news() {
         waker_.drain();
         if (!kept_)
@@ -134,10 +152,12 @@ private:
         while (const auto signal = options_.signals ? options_.signals->receive() : std::nullopt) {
             if (*signal == SIGINT || *signal == SIGTERM) {
                 stopped_by_signal_ = true;
-                log(LogLevel::info, "stopping");
+                log({LogLevel::info, "stopping", {}, "stopping"});
+                if (options_.on_stopping)
+                    options_.on_stopping();
             } else if (*signal == SIGUSR1) {
                 for (const std::string& line : dispatcher_.describe(net::now()))
-                    log(LogLevel::info, line);
+                    log({LogLevel::info, {}, {}, line});
             }
         }
     }
@@ -146,10 +166,12 @@ private:
         const std::uint64_t cut_off_before = publisher_.cut_off_count();
         auto change = publisher_.receive();
         if (publisher_.cut_off_count() > cut_off_before)
-            log(LogLevel::warning,
-                "more than " + std::to_string(options_.limits.topics_max) +
-                    " topics were subscribed to: all subscribers of the stream were "
-                    "cut off; those that mean it come back by themselves");
+            log({LogLevel::warning,
+                 "stream_cut_off",
+                 {},
+                 "more than " + std::to_string(options_.limits.topics_max) +
+                     " topics were subscribed to: all subscribers of the stream were "
+                     "cut off; those that mean it come back by themselves"});
         if (!change)
             return false;
         if (change->subscribed)
@@ -163,6 +185,7 @@ private:
         auto received = router_.receive();
         if (!received)
             return false;
+        report_.received_bytes += byte_count(received->frames);
         auto message = protocol::decode(received->frames);
         if (message)
             step(PeerSaid{std::move(received->peer), std::move(*message)});
@@ -188,10 +211,15 @@ private:
 
     void perform(const Action& action, std::vector<Event>& events) {
         if (const auto* send = std::get_if<Send>(&action)) {
-            if (router_.send(send->peer, protocol::encode(send->message)) != net::SendStatus::sent)
+            const protocol::Packet packet = protocol::encode(send->message);
+            if (router_.send(send->peer, packet) == net::SendStatus::sent)
+                report_.sent_bytes += packet_bytes(packet);
+            else
                 events.push_back(PeerUnreachable{send->peer});
         } else if (const auto* publish = std::get_if<Publish>(&action)) {
-            publisher_.publish(publish->topic, protocol::encode(publish->message));
+            const protocol::Packet packet = protocol::encode(publish->message);
+            report_.published_bytes += packet_bytes(packet);
+            publisher_.publish(publish->topic, packet);
         } else if (const auto* write = std::get_if<Persist>(&action)) {
             kept_->writer.enqueue(write->write, write->sequence);
         } else if (const auto* wish = std::get_if<SendStored>(&action)) {
@@ -199,7 +227,7 @@ private:
         } else if (const auto* load = std::get_if<LoadScene>(&action)) {
             auto scene = kept_->reader.blob(load->scene);
             if (!scene)
-                log(LogLevel::error, scene.error().message);
+                log({LogLevel::error, "scene_unread", {}, scene.error().message});
             events.push_back(
                 SceneLoaded{load->job, load->peer, scene ? std::move(*scene) : std::nullopt});
         } else if (const auto* filled = std::get_if<OrderFilled>(&action)) {
@@ -207,7 +235,7 @@ private:
         } else if (const auto* failed = std::get_if<OrderFailed>(&action)) {
             upstream_->take(*failed);
         } else if (const auto* line = std::get_if<Log>(&action)) {
-            log(line->level, line->text);
+            log(*line);
         }
     }
 
@@ -215,7 +243,7 @@ private:
         for (const TileIndex tile : wish.tiles) {
             auto stored = kept_->reader.tiles(wish.job, std::span(&tile, 1));
             if (!stored) {
-                log(LogLevel::error, stored.error().message);
+                log({LogLevel::error, "tile_unread", {}, stored.error().message});
                 continue;
             }
             for (protocol::TileDone& done : *stored)
@@ -223,9 +251,10 @@ private:
         }
     }
 
-    void log(LogLevel level, const std::string& text) const {
+    void log(LogLine line) const {
+        line.text = printable(line.text); // names in it are strangers' choice
         if (options_.on_log)
-            options_.on_log(level, printable(text)); // names in it are strangers' choice
+            options_.on_log(line);
     }
 
     net::RouterSocket router_;
@@ -233,8 +262,11 @@ private:
     std::unique_ptr<Kept> kept_;
     const net::Waker& waker_;
     const Options& options_;
+    std::uint64_t epoch_;
     Dispatcher dispatcher_;
     std::optional<Upstream> upstream_;
+    Report report_; ///< the next one
+    Instant next_report_;
     std::vector<Action> actions_;
     bool stopped_by_signal_ = false;
 };

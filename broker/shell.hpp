@@ -4,7 +4,10 @@
 
 #include "broker/events.hpp"
 #include "broker/limits.hpp"
+#include "broker/report.hpp"
 #include "broker/upstream.hpp"
+#include "common/base/instant.hpp"
+#include "common/base/log_line.hpp"
 #include "common/base/result.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
@@ -12,6 +15,7 @@
 #include "common/net/waker.hpp"
 
 #include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -34,6 +38,8 @@ private:
     net::Waker waker_;
 };
 
+inline constexpr Duration report_interval = std::chrono::seconds(1);
+
 struct Options {
     std::string bind = net::default_broker;    ///< workers and clients
     std::string publish = net::default_stream; ///< the stream
@@ -46,7 +52,10 @@ struct Options {
 
     /// Called once, when both sockets are bound, with their real endpoints.
     std::function<void(const std::string& bound, const std::string& stream)> on_listening;
-    std::function<void(LogLevel, const std::string&)> on_log;
+    std::function<void(const LogLine&)> on_log;
+    /// Called from the loop, at its first turn and then every second: as long as it turns.
+    std::function<void(const Report&)> on_report;
+    std::function<void()> on_stopping; ///< called from the loop, when a signal ends it
     const net::SignalWatch* signals =
         nullptr; ///< INT and TERM stop it, USR1 dumps the state to the log
 };

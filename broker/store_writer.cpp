@@ -42,6 +42,11 @@ std::uint64_t StoreWriter::queued_bytes() const {
     return queued_bytes_;
 }
 
+WriterTotals StoreWriter::totals() const {
+    const std::lock_guard lock(mutex_);
+    return totals_;
+}
+
 void StoreWriter::limit_file(std::uint64_t bytes_max) {
     const std::lock_guard lock(mutex_);
     file_bytes_max_ = bytes_max;
@@ -127,6 +132,8 @@ void StoreWriter::make_room(const Batch& batch) {
 void StoreWriter::tell_committed(const Batch& batch) {
     const std::lock_guard lock(mutex_);
     queued_bytes_ -= batch.bytes;
+    totals_.bytes += batch.bytes;
+    ++totals_.commits;
     if (!trouble_.empty()) {
         trouble_.clear();
         tell(StoreRecovered{});
@@ -136,6 +143,7 @@ void StoreWriter::tell_committed(const Batch& batch) {
 
 void StoreWriter::tell_trouble(const std::string& reason) {
     const std::lock_guard lock(mutex_);
+    ++totals_.failed_commits;
     if (reason == trouble_)
         return;
     trouble_ = reason;

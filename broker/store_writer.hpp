@@ -43,6 +43,13 @@ struct WriterOptions {
     Duration stop_patience = std::chrono::seconds(10); ///< for what is queued when it is to stop
 };
 
+/// What a writer has done so far.
+struct WriterTotals {
+    std::uint64_t commits = 0, failed_commits = 0;
+    std::uint64_t bytes = 0; ///< that were committed
+    friend bool operator==(const WriterTotals&, const WriterTotals&) = default;
+};
+
 /// What is handed in while one transaction runs becomes the next. Nothing is dropped: in trouble
 /// the queue grows, and its owner may look at how large it is. Only then jobs that are to be
 /// forgotten go before their turn, since what cannot be written may need their space.
@@ -59,6 +66,7 @@ public:
     [[nodiscard]] std::vector<StoreNews> take_news();
     /// Of what is not committed.
     [[nodiscard]] std::uint64_t queued_bytes() const;
+    [[nodiscard]] WriterTotals totals() const;
     /// Store::limit_file, before the next transaction.
     void limit_file(std::uint64_t bytes_max);
 
@@ -102,6 +110,7 @@ private:
     std::deque<Queued> queue_;
     std::uint64_t queued_bytes_ = 0; ///< of the queue and of the batch on its way
     std::uint64_t last_sequence_ = 0;
+    WriterTotals totals_;
     std::vector<StoreNews> news_;
     std::string trouble_; ///< the reason that was told; empty: all is well
     std::optional<std::uint64_t> file_bytes_max_;

@@ -120,7 +120,10 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                                                       .elapsed = elapsed,
                                                       .blobs = answer.blobs});
     ++worker.tiles_done;
+    ++counters_.tiles_done;
     worker.rays += answer.rays;
+    counters_.rays += answer.rays;
+    counters_.render_time += std::min(elapsed, Duration::max() - counters_.render_time);
     const auto rays = static_cast<double>(answer.rays.total());
     worker.speed.add(rays, elapsed);
     speed_.add(rays, elapsed);
@@ -214,10 +217,13 @@ bool Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession
     const std::uint32_t failures = job.count_failure(grant.id, worker.hello.worker);
     if (failures == 0)
         return false; // somebody else is at it
+    ++counters_.tiles_failed;
     const std::string tile = described(job, grant.tile);
-    log(LogLevel::warning, tile + " failed on " + worker.hello.worker_name + ", " +
-                               std::to_string(failures) + " of " +
-                               std::to_string(limits_.attempts_max) + " times: " + why);
+    log({.level = LogLevel::warning,
+         .kind = "tile_failed",
+         .subject = to_string(job.id()),
+         .text = tile + " failed on " + worker.hello.worker_name + ", " + std::to_string(failures) +
+                 " of " + std::to_string(limits_.attempts_max) + " times: " + why});
     if (failures >= limits_.attempts_max)
         end_job(job, JobPhase::failed,
                 tile + " failed " + std::to_string(failures) + " times, the last time on " +

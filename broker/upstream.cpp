@@ -13,28 +13,15 @@ using namespace std::chrono_literals;
 
 constexpr Duration pause_after_trouble = 5s; // an endpoint that cannot be connected to at all
 
-LogLevel level_of(worker::LogLevel level) {
-    switch (level) {
-    case worker::LogLevel::debug:
-        return LogLevel::debug;
-    case worker::LogLevel::info:
-        return LogLevel::info;
-    case worker::LogLevel::warning:
-        return LogLevel::warning;
-    case worker::LogLevel::error:
-        break;
-    }
-    return LogLevel::error;
-}
-
 } // namespace
 
 Upstream::Upstream(const net::Context& context, const UpstreamOptions& options,
                    std::function<std::vector<OrderProgress>()> progress, const OnLog& on_log)
     : context_(context), options_(options), progress_(std::move(progress)),
-      on_log_([&on_log](worker::LogLevel level, const std::string& text) {
+      on_log_([&on_log](LogLine line) {
+          line.text = "upstream " + line.text;
           if (on_log)
-              on_log(level_of(level), "upstream " + text);
+              on_log(line);
       }) {}
 
 void Upstream::connect(Instant now) {
@@ -42,7 +29,7 @@ void Upstream::connect(Instant now) {
         return;
     auto socket = net::DealerSocket::connect(context_, options_.broker);
     if (!socket) {
-        on_log_(worker::LogLevel::error, socket.error().message);
+        on_log_({LogLevel::error, "upstream_unreachable", {}, socket.error().message});
         again_at_ = now + pause_after_trouble;
         return;
     }

@@ -23,7 +23,7 @@ struct UpstreamOptions {
 
 class Upstream {
 public:
-    using OnLog = std::function<void(LogLevel, const std::string&)>;
+    using OnLog = std::function<void(const LogLine&)>;
 
     /// `progress`: as for Branch. Whatever is given must outlive this.
     Upstream(const net::Context& context, const UpstreamOptions& options,

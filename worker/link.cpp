@@ -89,10 +89,11 @@ void Link::perform(Send action) {
     outbox_.push_back(protocol::encode(action.message));
 }
 
-void Link::perform(const Log& action) {
+void Link::perform(Log action) {
+    action.subject = who_.title;
+    action.text = printable(who_.title + ": " + action.text); // a broker's own words may be in it
     if (on_log_)
-        on_log_(action.level,
-                printable(who_.title + ": " + action.text)); // a broker's own words may be in it
+        on_log_(action);
 }
 
 void Link::perform(Finished action) {

@@ -58,7 +58,7 @@ public:
         SessionIndex index{};
         std::string title; ///< in the log
     };
-    using OnLog = std::function<void(LogLevel, const std::string&)>;
+    using OnLog = std::function<void(const LogLine&)>;
 
     /// `on_log`, which may be empty, and `pool` must outlive this.
     Link(Who who, const OnLog& on_log, Line line, Session session, Pool& pool);
@@ -83,7 +83,7 @@ private:
     void perform(StopTile action) { pool_.perform(who_.index, action); }
     void perform(ForgetScene action) { pool_.perform(who_.index, action); }
     void perform(HangUp action) { line_.hang_up(action.for_good); }
-    void perform(const Log& action);
+    void perform(Log action);
     void perform(Finished action);
     void flush();
 

@@ -4,9 +4,12 @@
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/command_line.hpp"
+#include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
+#include "common/service/logger.hpp"
+#include "common/service/notifier.hpp"
 #include "worker/shell.hpp"
 
 #include <CLI/CLI.hpp>
@@ -17,10 +20,9 @@
 #include <exception>
 #include <fmt/core.h>
 #include <optional>
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/spdlog.h>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -48,7 +50,7 @@ enum Exit : int { done = 0, configuration = 2, refused = 4, interrupted = 128 };
 struct Arguments {
     worker::WorkerOptions options;
     std::vector<std::string> emulate;
-    std::string log_level = "info";
+    service::LogOptions log;
 };
 
 int usage_error(const std::string& message) {
@@ -98,9 +100,7 @@ void add_options(CLI::App& app, Arguments& arguments) {
                    "N; repeatable")
         ->type_name("COUNT@SPEED")
         ->allow_extra_args(false);
-    app.add_option("--log-level", arguments.log_level, "trace, debug, info, warning or error")
-        ->capture_default_str()
-        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
+    service::add_log_options(app, arguments.log);
 }
 
 /// Endpoints as sockets take them, and what is emulated.
@@ -126,20 +126,6 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
         broker = *endpoint;
     }
     return worker::validate(options);
-}
-
-spdlog::level::level_enum to_spdlog(worker::LogLevel level) {
-    switch (level) {
-    case worker::LogLevel::debug:
-        return spdlog::level::debug;
-    case worker::LogLevel::info:
-        return spdlog::level::info;
-    case worker::LogLevel::warning:
-        return spdlog::level::warn;
-    case worker::LogLevel::error:
-        return spdlog::level::err;
-    }
-    return spdlog::level::info;
 }
 
 int exit_code(worker::FinishReason reason, int last_signal) {
@@ -168,7 +154,8 @@ std::string opening_line(const worker::WorkerOptions& options, const std::string
 }
 
 /// Runs the worker in a thread of its own while this one watches the signals.
-int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals) {
+int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals,
+          const service::Notifier& notifier) {
     const net::Context context;
     worker::Control control;
     const net::Waker woken;
@@ -184,10 +171,13 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
         net::wait({woken.fd(), signals.fd()}, std::chrono::minutes(1));
         while (const auto signal = signals.receive()) {
             last_signal = *signal;
-            if (++signal_count == 1)
+            if (++signal_count == 1) {
+                notifier.stopping("finishes the tiles at hand");
                 control.drain();
-            else
+            } else {
+                notifier.stopping("hands back the tiles at hand");
                 control.stop_now();
+            }
         }
     }
     thread.join();
@@ -220,14 +210,18 @@ int main(int argc, char** argv) try {
             fmt::print("listening {}\n", endpoint);
         std::fflush(stdout);
     };
-    const auto logger = spdlog::stderr_color_mt(program);
-    logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
-    logger->set_level(spdlog::level::from_str(arguments.log_level));
-    options.on_log = [&](worker::LogLevel level, const std::string& text) {
-        logger->log(to_spdlog(level), "{}", text);
+    service::Logger logger(program, arguments.log);
+    service::Notifier notifier;
+    const std::string opening = opening_line(options, *isa);
+    options.on_log = [&](const LogLine& line) { logger.log(line); };
+    options.on_turn = [&, is_ready = false]() mutable {
+        if (!std::exchange(is_ready, true))
+            notifier.ready(opening);
+        notifier.alive(net::now());
+        logger.tell_due();
     };
-    logger->info("{}", opening_line(options, *isa));
-    return serve(options, signals);
+    logger.log({LogLevel::info, {}, {}, opening});
+    return serve(options, signals, notifier);
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());
     return 1;

@@ -1,6 +1,7 @@
 // What a worker is told at its start, and the defaults it finds out by itself.
 #pragma once
 
+#include "common/base/log_line.hpp"
 #include "common/base/result.hpp"
 
 #include <cstdint>
@@ -14,8 +15,6 @@ namespace fraja::worker {
 inline constexpr std::uint32_t threads_max = 2048; ///< so that the credit stays within credit_max
 inline constexpr std::uint32_t emulated_workers_max = 10'000; ///< of one process
 inline constexpr double emulated_rays_per_s_min = 1e-3, emulated_rays_per_s_max = 1e15;
-
-enum class LogLevel : std::uint8_t { debug, info, warning, error };
 
 /// Workers that answer when a machine of that speed would.
 struct EmulatedWorkers {
@@ -37,7 +36,9 @@ struct WorkerOptions {
     /// tag `emulated`. They serve one broker.
     std::vector<EmulatedWorkers> emulated;
     /// Called from the thread that runs the worker, for each event; empty: silence.
-    std::function<void(LogLevel, const std::string&)> on_log;
+    std::function<void(const LogLine&)> on_log;
+    /// Likewise, about every second: as long as its loop turns.
+    std::function<void()> on_turn = {};
     /// Likewise, when all listen: where, in the order of their numbers.
     std::function<void(const std::vector<std::string>&)> on_listening = {};
 };

@@ -5,7 +5,6 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <utility>
 
 namespace fraja::worker {
@@ -63,11 +62,12 @@ void Session::on(Turn& turn, const Received& event) {
 void Session::on(Turn& turn, const Undecodable& event) {
     // A broker of another version refuses in its own version, which decode() refuses in turn.
     if (event.error.code == ErrorCode::version_mismatch && state_ == State::greeting) {
-        turn.log(LogLevel::error, "cannot serve this broker: " + event.error.message);
+        turn.log(LogLevel::error, "wrong_version",
+                 "cannot serve this broker: " + event.error.message);
         finish(turn, FinishReason::version_mismatch);
         return;
     }
-    count_oddity(turn, event.error.message);
+    note_oddity(turn, event.error.message);
 }
 
 void Session::on_message(Turn& turn, const protocol::Welcome& message) {
@@ -75,7 +75,7 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
         last_attempt_.reset();
     if (state_ == State::open) {
         // It has come twice, or a hello has. Of which session the broker is now is not known.
-        turn.log(LogLevel::debug, "a Welcome without a hello: greeting anew");
+        turn.log(LogLevel::debug, "greeting_anew", "a Welcome without a hello: greeting anew");
         begin_greeting(turn);
         return;
     }
@@ -84,12 +84,13 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
     if (message.incarnation != incarnation_ || unanswered_hellos_ == 0) {
         // It answers an earlier hello: the session that it opens ends when the broker hears the
         // last one, or the next.
-        turn.log(LogLevel::debug, "a Welcome to an earlier hello");
+        turn.log(LogLevel::debug, "old_welcome", "a Welcome to an earlier hello");
         return;
     }
     tiles_received_ = 0;
-    turn.log(LogLevel::info, "connected: broker " + to_string(message.broker).substr(0, 8) +
-                                 ", version " + message.program_version);
+    turn.log(LogLevel::info, "connected",
+             "connected: broker " + to_string(message.broker).substr(0, 8) + ", version " +
+                 message.program_version);
     state_ = State::open;
     heartbeat_ = std::clamp(message.heartbeat, limits_.heartbeat_min, limits_.heartbeat_max);
     liveness_ = std::clamp(message.liveness, 1u, limits_.liveness_max);
@@ -103,15 +104,16 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
 
 void Session::on_message(Turn& turn, const protocol::Refused& message) {
     if (message.code == RefusalCode::version_mismatch) {
-        turn.log(LogLevel::error, "refused by the broker: " + message.reason);
+        turn.log(LogLevel::error, "wrong_version", "refused by the broker: " + message.reason);
         finish(turn, FinishReason::version_mismatch);
     } else if (!is_connected()) {
         // unknown_peer answers what was sent before the hello; anything else answers the hello,
         // which is tried again in its time.
         if (message.code != RefusalCode::unknown_peer && !std::exchange(absence_said_, true))
-            turn.log(LogLevel::warning, "refused by the broker, will ask again: " + message.reason);
+            turn.log(LogLevel::warning, "refused",
+                     "refused by the broker, will ask again: " + message.reason);
     } else if (message.code == RefusalCode::unknown_peer) {
-        turn.log(LogLevel::warning,
+        turn.log(LogLevel::warning, "greeting_anew",
                  "the broker does not know this worker (any more): greeting anew");
         begin_greeting(turn);
     } else if (const auto asked = shelf_.oldest_ask(); message.code == RefusalCode::invalid &&
@@ -125,12 +127,12 @@ void Session::on_message(Turn& turn, const protocol::Refused& message) {
             fail_tiles_of(turn, scene, FailureCode::machine,
                           "the broker does not give the scene: " + message.reason);
     } else {
-        count_oddity(turn, "refused: " + message.reason);
+        note_oddity(turn, "refused: " + message.reason);
     }
 }
 
 void Session::on_message(Turn& turn, const protocol::Dismissed& message) {
-    turn.log(LogLevel::warning, "told to leave: " + message.reason);
+    turn.log(LogLevel::warning, "dismissed", "told to leave: " + message.reason);
     finish(turn, FinishReason::dismissed);
 }
 
@@ -141,12 +143,12 @@ void Session::on_message(Turn&, const protocol::Beat&) {
 
 template <class M>
 void Session::on_message(Turn& turn, const M& message) {
-    count_oddity(turn, std::string(message.name) + " has no place here");
+    note_oddity(turn, std::string(message.name) + " has no place here");
 }
 
 void Session::on(Turn& turn, const CallerGone&) {
     if (is_connected())
-        turn.log(LogLevel::info, "the caller is gone");
+        turn.log(LogLevel::info, "caller_gone", "the caller is gone");
     absence_said_ = false;
     unanswered_hellos_ = 0;
     last_attempt_.reset();
@@ -180,7 +182,7 @@ void Session::begin_draining(Turn& turn, FinishReason reason) {
         finish(turn, reason);
     } else if (state_ == State::open) {
         state_ = State::draining;
-        turn.log(LogLevel::info,
+        turn.log(LogLevel::info, "leaving",
                  "leaving with " + std::to_string(tiles_.size()) + " tiles at hand");
         beat(turn); // before anything is handed back, or the broker would replace it
     }
@@ -202,7 +204,8 @@ void Session::leave_when_done(Turn& turn) {
 
 void Session::keep_time(Turn& turn) {
     if (is_connected() && turn.now >= silence_deadline()) {
-        turn.log(LogLevel::warning, "the broker is silent: lost; greeting it until it answers");
+        turn.log(LogLevel::warning, "broker_lost",
+                 "the broker is silent: lost; greeting it until it answers");
         absence_said_ = true;
         begin_greeting(turn);
     }
@@ -220,7 +223,8 @@ void Session::keep_time(Turn& turn) {
 
 void Session::hello(Turn& turn) {
     if (unanswered_hellos_ > 0 && !std::exchange(absence_said_, true))
-        turn.log(LogLevel::warning, "the broker does not answer; asking again until it does");
+        turn.log(LogLevel::warning, "broker_absent",
+                 "the broker does not answer; asking again until it does");
     const double seconds_done = seconds(render_time_);
     const double speed =
         seconds_done > 0 ? static_cast<double>(rays_done_) / seconds_done * identity_.threads : 0.0;
@@ -282,11 +286,10 @@ void Session::finish(Turn& turn, FinishReason reason) {
     turn.actions.emplace_back(Finished{reason});
 }
 
-/// What should not happen and harms nobody: said at the first, second, fourth, eighth … time.
-void Session::count_oddity(Turn& turn, const std::string& what) {
-    if (std::has_single_bit(++oddities_))
-        turn.log(LogLevel::warning, std::string(clipped(what, protocol::string_bytes_max)) +
-                                        " (oddity " + std::to_string(oddities_) + ")");
+/// What should not happen and harms nobody.
+void Session::note_oddity(Turn& turn, const std::string& what) {
+    turn.log(LogLevel::warning, "oddity",
+             "oddity: " + std::string(clipped(what, protocol::string_bytes_max)));
 }
 
 } // namespace fraja::worker

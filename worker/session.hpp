@@ -138,10 +138,7 @@ struct ForgetScene {
 struct HangUp {
     bool for_good = false; ///< otherwise this one has its turn again, after the others
 };
-struct Log {
-    LogLevel level{};
-    std::string text;
-};
+using Log = LogLine; ///< about the session itself: it names no subject
 enum class FinishReason : std::uint8_t {
     drained,
     stopped,          ///< tiles were handed back
@@ -185,8 +182,8 @@ private:
         Instant now;
         std::vector<Action>& actions;
         void send(protocol::Message message) { actions.emplace_back(Send{std::move(message)}); }
-        void log(LogLevel level, std::string text) {
-            actions.emplace_back(Log{level, std::move(text)});
+        void log(LogLevel level, std::string_view kind, std::string text) {
+            actions.emplace_back(Log{level, kind, {}, std::move(text)});
         }
     };
 
@@ -234,7 +231,7 @@ private:
                    const std::string& reason);
     void fail_tiles_of(Turn& turn, const ContentHash& scene, protocol::FailureCode code,
                        const std::string& reason);
-    void count_oddity(Turn& turn, const std::string& what);
+    static void note_oddity(Turn& turn, const std::string& what);
 
     [[nodiscard]] std::uint32_t credit() const { return credit_for(identity_.threads, limits_); }
     [[nodiscard]] bool is_connected() const {
@@ -274,7 +271,6 @@ private:
 
     std::uint64_t rays_done_ = 0; // for the speed told in the next hello
     Duration render_time_{};
-    std::uint64_t oddities_ = 0;
 };
 
 } // namespace fraja::worker

@@ -81,7 +81,8 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
     SceneOnShelf* scene = shelf_.find(message.blob);
     if (!is_connected() || !scene || scene->stage != Stage::fetching ||
         message.offset_bytes != scene->fetched_bytes || message.blobs.size() != 1) {
-        turn.log(LogLevel::debug, "a chunk that is not waited for, of " + short_name(message.blob));
+        turn.log(LogLevel::debug, "chunk_unwanted",
+                 "a chunk that is not waited for, of " + short_name(message.blob));
         return;
     }
     const std::uint64_t chunk_bytes = message.blobs[0].size();
@@ -100,8 +101,9 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
         return;
     }
     scene->stage = Stage::compiling;
-    turn.log(LogLevel::debug, "fetched " + short_name(message.blob) + ", " +
-                                  std::to_string(scene->total_bytes) + " bytes");
+    turn.log(LogLevel::debug, "scene_fetched",
+             "fetched " + short_name(message.blob) + ", " + std::to_string(scene->total_bytes) +
+                 " bytes");
     const auto first = std::ranges::find_if(
         tiles_, [&](const auto& entry) { return entry.second.order.scene == message.blob; });
     FRAJA_ASSERT(first != tiles_.end()); // a scene is fetched only for as long as a tile needs it
@@ -115,12 +117,12 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         last_attempt_ = message.attempt;
     if (!is_connected()) {
         // Of the session that was given up: the broker has requeued it, or will at our hello.
-        turn.log(LogLevel::debug, name_of(message) + " came without a session");
+        turn.log(LogLevel::debug, "tile_unwanted", name_of(message) + " came without a session");
         return;
     }
     // It is here, or was answered. (Of a broker whose count leaps, what is here may come later.)
     if (came_before || find_tile(message.job, message.tile, message.attempt) != tiles_.end()) {
-        count_oddity(turn, name_of(message) + " came twice");
+        note_oddity(turn, name_of(message) + " came twice");
         return;
     }
     ++tiles_received_;
@@ -131,11 +133,11 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
     if (state_ == State::draining)
         return refuse(FailureCode::cancelled, "this worker is leaving");
     if (tiles_.size() >= credit()) {
-        count_oddity(turn, name_of(message) + " is beyond the credit");
+        note_oddity(turn, name_of(message) + " is beyond the credit");
         return refuse(FailureCode::machine, "beyond this worker's credit");
     }
     if (const auto valid = validate(message); !valid) {
-        count_oddity(turn, name_of(message) + ": " + valid.error().message);
+        note_oddity(turn, name_of(message) + ": " + valid.error().message);
         return refuse(FailureCode::machine, valid.error().message);
     }
     ++waiting_count_;
@@ -179,7 +181,8 @@ void Session::on_message(Turn& turn, const protocol::CancelTile& message) {
     const auto at = find_tile(message.job, message.tile, message.attempt);
     if (at == tiles_.end())
         return; // it was answered before this came
-    turn.log(LogLevel::debug, name_of(at->second.order) + ": cancelled by the broker");
+    turn.log(LogLevel::debug, "tile_cancelled",
+             name_of(at->second.order) + ": cancelled by the broker");
     fail_tile(turn, at, FailureCode::cancelled, "cancelled by the broker");
 }
 
@@ -199,7 +202,8 @@ void Session::on(Turn& turn, const SceneFailed& event) {
     SceneOnShelf* scene = shelf_.find(event.scene);
     if (!scene || scene->stage != Stage::compiling)
         return;
-    turn.log(LogLevel::warning, short_name(event.scene) + ": " + event.error.message);
+    turn.log(LogLevel::warning, "scene_failed",
+             short_name(event.scene) + ": " + event.error.message);
     const FailureCode code = failure_of(event.error.code);
     if (code == FailureCode::scene) { // remembered: tiles under way need not fetch it again
         scene->stage = Stage::refused;
@@ -215,7 +219,7 @@ void Session::on(Turn& turn, const TileFinished& event) {
     rays_done_ += event.rays.total();
     render_time_ += event.elapsed;
     const protocol::RenderTile& order = at->second.order;
-    turn.log(LogLevel::debug,
+    turn.log(LogLevel::debug, "tile_done",
              name_of(order) + ": done in " + std::to_string(seconds(event.elapsed)) + " s");
     turn.send(protocol::TileRendered{order.job, order.tile, order.attempt, event.rays,
                                      event.elapsed, event.blobs});
@@ -229,7 +233,8 @@ void Session::on(Turn& turn, const TileBroken& event) {
         return;
     const FailureCode code = failure_of(event.error.code);
     if (code != FailureCode::cancelled)
-        turn.log(LogLevel::warning, name_of(at->second.order) + ": " + event.error.message);
+        turn.log(LogLevel::warning, "tile_failed",
+                 name_of(at->second.order) + ": " + event.error.message);
     at->second.started = false;
     fail_tile(turn, at, code, event.error.message);
 }

@@ -8,6 +8,7 @@
 #include "worker/render_pool.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <set>
@@ -17,6 +18,8 @@
 
 namespace fraja::worker {
 namespace {
+
+constexpr Duration turn_interval = std::chrono::seconds(1); ///< of telling that the loop turns
 
 /// Deeds that may wait for a thread: of each session its tiles, and the scenes on its shelf for
 /// every kernel.
@@ -70,7 +73,8 @@ public:
 
     FinishReason run() {
         while (open_count_ > 0) {
-            const Instant deadline = std::min(deadlines_.begin()->first, pool_->next_deadline());
+            const Instant deadline =
+                std::min({deadlines_.begin()->first, pool_->next_deadline(), tell_that_it_turns()});
             for (const std::size_t index : poller_.wait(deadline - net::now()))
                 with_link(index, [](Link& link) { link.receive_some(); });
             obey();
@@ -81,6 +85,17 @@ public:
     }
 
 private:
+    /// Returns when to tell it again.
+    Instant tell_that_it_turns() {
+        if (!options_.on_turn)
+            return Instant::never();
+        if (const Instant now = net::now(); now >= next_turn_told_) {
+            next_turn_told_ = now + turn_interval;
+            options_.on_turn();
+        }
+        return next_turn_told_;
+    }
+
     Result<void> listen(const net::Context& context) {
         const auto wanted =
             listening_endpoints(options_.listen, options_.insecure, session_count(options_));
@@ -194,6 +209,7 @@ private:
     std::size_t open_count_ = 0;
     std::vector<Instant> noted_; // of each link its deadline, as it is among these:
     std::set<std::pair<Instant, std::size_t>> deadlines_;
+    Instant next_turn_told_{};
     bool draining_ = false, stopping_ = false;
     FinishReason reason_{};
 };

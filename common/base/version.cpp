@@ -21,9 +21,13 @@ std::string_view isa_level() {
 #endif
 }
 
+std::string_view revision() {
+    return FRAJA_REVISION;
+}
+
 std::string version_line(std::string_view program, std::string_view isa) {
-    return std::string(program) + " " + std::string(version) + ", revision " FRAJA_REVISION ", " +
-           std::string(isa);
+    return std::string(program) + " " + std::string(version) + ", revision " +
+           std::string(revision()) + ", " + std::string(isa);
 }
 
 } // namespace fraja

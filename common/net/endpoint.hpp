@@ -10,7 +10,7 @@
 namespace fraja::net {
 
 /// Where brokers listen for workers and clients, unless told otherwise.
-constexpr std::uint16_t broker_port = 50057, stream_port = 50058;
+constexpr std::uint16_t broker_port = 50057, stream_port = 50058, http_port = 50059;
 constexpr const char* default_broker = "tcp://127.0.0.1:50057";
 constexpr const char* default_stream = "tcp://127.0.0.1:50058";
 

@@ -115,6 +115,10 @@ TEST_CASE("a writer that is stopped commits what is queued") {
         writer.enqueue(job, 1);
         for (std::uint32_t i = 0; i < 300; ++i)
             writer.enqueue(tile_of(rng, job.submission.job, i, 10'000), 2 + i);
+        CHECK(writer.stop());
+        CHECK(writer.totals().commits > 0);
+        CHECK(writer.totals().failed_commits == 0);
+        CHECK(writer.totals().bytes > 300 * 10'000);
     }
     CHECK(contents_of(open_store(directory.path())).jobs.at(0).tiles.size() == 300);
 }
@@ -137,6 +141,7 @@ TEST_CASE("a full disk loses nothing and is told once") {
     CHECK(std::get<StoreTrouble>(*std::find_if(news.begin(), news.end(), is_trouble))
               .reason.find("no more space") != std::string::npos);
     CHECK(writer.queued_bytes() > 0);
+    CHECK(writer.totals().failed_commits > 0);
     writer.enqueue(PutPhase{id, protocol::JobPhase::done, "", 1s}, 102);
     writer.limit_file(0);
     const auto after = news_until_committed(writer, waker, 102);

@@ -99,10 +99,6 @@ void BranchNode::perform(const broker::Persist&) {
     farm_.violation("a broker without a store keeps something");
 }
 
-void BranchNode::perform(const broker::Log& line) {
-    farm_.hear_broker("branch " + std::to_string(index_), line.text);
-}
-
 // ----------------------------------------------------------------------------------- as a worker
 
 void BranchNode::greet() {
@@ -174,9 +170,8 @@ void BranchNode::perform(worker::Send&& send) {
     outbox_.push_back(std::move(send.message));
 }
 
-void BranchNode::perform(const worker::Log& line) {
-    if (line.level != worker::LogLevel::debug)
-        farm_.log("branch " + std::to_string(index_) + ": " + line.text);
+void BranchNode::perform(const LogLine& line) {
+    farm_.hear_broker("branch " + std::to_string(index_), line.text);
 }
 
 } // namespace fraja::sim

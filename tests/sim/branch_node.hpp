@@ -36,7 +36,6 @@ private:
     void perform(const broker::Persist&);
     void perform(const broker::SendStored&) {}
     void perform(const broker::LoadScene&) {}
-    void perform(const broker::Log& line);
 
     void serve();
     void greet();
@@ -49,7 +48,7 @@ private:
     void perform(const worker::StopTile& action) { branch_->perform({}, action); }
     void perform(const worker::ForgetScene& action) { branch_->perform({}, action); }
     void perform(const worker::HangUp&) {}
-    void perform(const worker::Log& line);
+    void perform(const LogLine& line); ///< of either half
     void perform(const worker::Finished&) { finished_ = true; }
     void plan_tick();
 

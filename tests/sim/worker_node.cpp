@@ -88,7 +88,7 @@ void WorkerNode::perform(worker::Send&& send) {
 }
 
 void WorkerNode::perform(worker::Log&& line) {
-    if (line.level != worker::LogLevel::debug)
+    if (line.level != LogLevel::debug)
         farm_.log("worker " + std::to_string(index_) + ": " + line.text);
 }
 

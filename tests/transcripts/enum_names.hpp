@@ -12,7 +12,7 @@
 
 /// It does not travel, so this is not said where it is defined.
 template <>
-struct fraja::protocol::ValueCount<fraja::broker::LogLevel> {
+struct fraja::protocol::ValueCount<fraja::LogLevel> {
     static constexpr unsigned value = 4;
 };
 

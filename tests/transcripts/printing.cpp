@@ -221,8 +221,7 @@ std::string told(const OrderFailed& action) {
     return "order_failed" + field("id", id) + field("code", code) + field("reason", reason);
 }
 std::string told(const Log& action) {
-    const auto& [level, text] = action;
-    return "log " + value_of(level) + " " + printable(text);
+    return "log " + value_of(action.level) + " " + printable(action.text);
 }
 
 } // namespace

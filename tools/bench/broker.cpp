@@ -1,6 +1,8 @@
 // How many tiles a second the broker deals out and takes in, beside a bare ROUTER that does nothing
 // else: paired runs with the same workers, which answer at once.
+#include "broker/http_server.hpp"
 #include "broker/shell.hpp"
+#include "broker/status_pages.hpp"
 #include "common/base/freed_memory.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/codec.hpp"
@@ -10,9 +12,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <condition_variable>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
+#include <httplib.h>
+#include <mutex>
 #include <optional>
 
 using namespace fraja;
@@ -24,23 +29,56 @@ using namespace std::chrono_literals;
 
 constexpr const char* usage =
     "usage: broker [--tiles N] [--workers N] [--credit N] [--runs N] [--in DIRECTORY] "
-    "[--way broker|watcher|watchers|store] [--csv FILE]";
+    "[--way broker,scraped,watcher,watchers,store] [--csv FILE]";
 
 struct Arguments {
     LoadOptions load;
     std::uint32_t runs = 5;
     std::filesystem::path directory = std::filesystem::temp_directory_path();
     const char* csv = nullptr;
-    std::string way; ///< that one alone; empty: all
+    std::string ways; ///< these alone, with commas between; empty: all
 };
 
 // Tiles are squares: these have 24 KiB as nearly as can be.
 constexpr std::uint32_t tile_side = 45, tile_bytes = tile_side * tile_side * 12;
 
+/// A broker's pages, and somebody who asks for its metrics every second.
+class Scraped {
+public:
+    explicit Scraped(broker::Options& options) : server_(listen(options)) {
+        options.on_report = [this](const broker::Report& report) { board_.post(report); };
+        server_.serve();
+        scraper_ = std::jthread([this](const std::stop_token& stop) { scrape(stop); });
+    }
+
+private:
+    [[nodiscard]] broker::HttpServer listen(const broker::Options& options) const {
+        auto bound =
+            broker::HttpServer::bind("tcp://127.0.0.1:0", status_pages(board_, options.state));
+        if (!bound)
+            fail(bound.error().message);
+        return std::move(*bound);
+    }
+    void scrape(const std::stop_token& stop) const {
+        std::mutex mutex;
+        std::condition_variable_any stopped;
+        std::unique_lock lock(mutex);
+        do {
+            if (const auto page = httplib::Client(server_.address()).Get("/metrics");
+                !page || page->status != 200)
+                fail("the metrics did not come");
+        } while (!stopped.wait_for(lock, stop, 1s, [&] { return stop.stop_requested(); }));
+    }
+
+    broker::Board board_;
+    broker::HttpServer server_;
+    std::jthread scraper_;
+};
+
 /// Runs a broker here, in the main thread as fraja-broker does, while `use(endpoint, stream)` goes
 /// on in another one.
 template <class Use>
-void run_broker_while(const std::filesystem::path& state, Use use) {
+void run_broker_while(const std::filesystem::path& state, bool is_scraped, Use use) {
     broker::Control control;
     std::jthread user;
     broker::Options options;
@@ -53,6 +91,9 @@ void run_broker_while(const std::filesystem::path& state, Use use) {
             control.stop();
         });
     };
+    std::optional<Scraped> scraped;
+    if (is_scraped)
+        scraped.emplace(options);
     const net::Context context;
     if (const auto ran = broker::run_broker(context, options, control); !ran)
         fail(ran.error().message);
@@ -102,13 +143,19 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
 struct Way {
     const char* name;
     std::uint32_t watchers;
-    bool keeps;
+    bool keeps, is_scraped;
     double mark; ///< of the bare rate, at 64 workers and 20,000 tiles; 0: none
 };
-constexpr Way ways[] = {{"broker", 0, false, 0.85},
-                        {"watcher", 1, false, 0.65},
-                        {"watchers", 8, false, 0.55},
-                        {"store", 0, true, 0}};
+constexpr Way ways[] = {{"broker", 0, false, false, 0.85},
+                        {"scraped", 0, false, true, 0},
+                        {"watcher", 1, false, false, 0.65},
+                        {"watchers", 8, false, false, 0.55},
+                        {"store", 0, true, false, 0}};
+
+bool is_wanted(const std::string& names, const Way& way) {
+    return names.empty() ||
+           ("," + names + ",").find("," + std::string(way.name) + ",") != std::string::npos;
+}
 
 struct Outcome {
     double tiles_per_s = 0;
@@ -136,24 +183,25 @@ Outcome run(const Arguments& arguments, const Way& way) {
         state = arguments.directory / ("fraja-bench-" + to_string(random_id<JobId>()));
     Outcome outcome;
     const CpuTime cpu;
-    run_broker_while(state, [&](const std::string& endpoint, const std::string& stream) {
-        const net::Context context;
-        const auto job = random_id<JobId>();
-        std::optional<WatcherLoad> watchers;
-        if (way.watchers > 0)
-            watchers.emplace(stream, way.watchers, job);
-        const WorkerLoad load(endpoint, arguments.load);
-        while (!load.all_welcome())
-            std::this_thread::sleep_for(1ms);
-        submit(context, endpoint, job, arguments.load.tiles);
-        while (load.orders() < arguments.load.tiles)
-            std::this_thread::sleep_for(1ms);
-        outcome.tiles_per_s = load.orders_per_s();
-        outcome.cpu_us = cpu.us() / arguments.load.tiles;
-        if (watchers)
-            outcome.watched = static_cast<double>(watchers->tiles()) /
-                              (static_cast<double>(arguments.load.tiles) * way.watchers);
-    });
+    run_broker_while(
+        state, way.is_scraped, [&](const std::string& endpoint, const std::string& stream) {
+            const net::Context context;
+            const auto job = random_id<JobId>();
+            std::optional<WatcherLoad> watchers;
+            if (way.watchers > 0)
+                watchers.emplace(stream, way.watchers, job);
+            const WorkerLoad load(endpoint, arguments.load);
+            while (!load.all_welcome())
+                std::this_thread::sleep_for(1ms);
+            submit(context, endpoint, job, arguments.load.tiles);
+            while (load.orders() < arguments.load.tiles)
+                std::this_thread::sleep_for(1ms);
+            outcome.tiles_per_s = load.orders_per_s();
+            outcome.cpu_us = cpu.us() / arguments.load.tiles;
+            if (watchers)
+                outcome.watched = static_cast<double>(watchers->tiles()) /
+                                  (static_cast<double>(arguments.load.tiles) * way.watchers);
+        });
     std::filesystem::remove_all(state);
     return outcome;
 }
@@ -212,7 +260,7 @@ Arguments read(int argc, char** argv) {
         else if (is("--in"))
             arguments.directory = argv[i + 1];
         else if (is("--way"))
-            arguments.way = argv[i + 1];
+            arguments.ways = argv[i + 1];
         else if (is("--csv"))
             arguments.csv = argv[i + 1];
         else
@@ -255,7 +303,7 @@ int main(int argc, char** argv) {
     for (std::uint32_t i = 0; i < arguments.runs; ++i) {
         bare.push_back(run_bare(arguments));
         for (std::size_t w = 0; w < std::size(ways); ++w)
-            if (arguments.way.empty() || arguments.way == ways[w].name)
+            if (is_wanted(arguments.ways, ways[w]))
                 outcomes[w].push_back(run(arguments, ways[w]));
     }
     std::printf("%u workers, credit %u, %u tiles of %u bytes; medians of %u paired runs\n",

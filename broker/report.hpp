@@ -1,0 +1,23 @@
+// Report: all that a running broker knows of itself in numbers.
+#pragma once
+
+#include "broker/figures.hpp"
+#include "broker/store_writer.hpp"
+#include "common/base/instant.hpp"
+
+#include <cstdint>
+#include <optional>
+
+namespace fraja::broker {
+
+struct Report {
+    Instant at; ///< by net::now()
+    std::uint64_t epoch = 0;
+    Figures figures;
+    // Of messages, without what transports add:
+    std::uint64_t received_bytes = 0, sent_bytes = 0;
+    std::uint64_t published_bytes = 0;     ///< once, however many subscribe
+    std::optional<WriterTotals> written{}; ///< nothing: nothing is kept
+};
+
+} // namespace fraja::broker

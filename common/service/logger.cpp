@@ -1,0 +1,88 @@
+#include "common/service/logger.hpp"
+
+#include "common/net/clock.hpp"
+#include "common/service/json_line.hpp"
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <utility>
+
+namespace fraja::service {
+namespace {
+
+spdlog::level::level_enum to_spdlog(LogLevel level) {
+    switch (level) {
+    case LogLevel::debug:
+        return spdlog::level::debug;
+    case LogLevel::info:
+        return spdlog::level::info;
+    case LogLevel::warning:
+        return spdlog::level::warn;
+    case LogLevel::error:
+        break;
+    }
+    return spdlog::level::err;
+}
+
+spdlog::color_mode color_mode(const std::string& choice) {
+    const char* no_color = std::getenv("NO_COLOR");
+    if (choice == "always")
+        return spdlog::color_mode::always;
+    return choice == "never" || (no_color && *no_color) ? spdlog::color_mode::never
+                                                        : spdlog::color_mode::automatic;
+}
+
+} // namespace
+
+void add_log_options(CLI::App& app, LogOptions& options) {
+    app.add_option("--log-level", options.level, "trace, debug, info, warning or error")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
+    app.add_option("--log-format", options.format, "text, or json: an object on each line")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"text", "json"}));
+    app.add_option("--color", options.color, "auto, always or never; NO_COLOR is honoured")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"auto", "always", "never"}));
+}
+
+Logger::Logger(std::string program, const LogOptions& options)
+    : program_(std::move(program)), as_json_(options.format == "json") {
+    auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(color_mode(options.color));
+    logger_ = std::make_shared<spdlog::logger>(program_, std::move(sink));
+    logger_->set_pattern(as_json_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
+    logger_->set_level(spdlog::level::from_str(options.level));
+}
+
+Logger::~Logger() {
+    for (const Told& told : repeats_.rest())
+        write(told);
+}
+
+void Logger::log(LogLine line) {
+    if (!logger_->should_log(to_spdlog(line.level)))
+        return;
+    const std::lock_guard lock(mutex_);
+    if (const auto told = repeats_.take(net::now(), std::move(line)))
+        write(*told);
+}
+
+void Logger::tell_due() {
+    const std::lock_guard lock(mutex_);
+    for (const Told& told : repeats_.due(net::now()))
+        write(told);
+}
+
+void Logger::write(const Told& told) {
+    const auto level = to_spdlog(told.line.level);
+    if (as_json_)
+        logger_->log(level, "{}", json_line(std::chrono::system_clock::now(), program_, told));
+    else if (told.more > 0)
+        logger_->log(level, "{} (and {} more like it)", told.line.text, told.more);
+    else
+        logger_->log(level, "{}", told.line.text);
+}
+
+} // namespace fraja::service

@@ -1,0 +1,52 @@
+// Logger: the log of a program that runs for long, on stderr: one line for each event, as text or
+// JSON, and no floods.
+#pragma once
+
+#include "common/base/log_line.hpp"
+#include "common/service/repeats.hpp"
+
+#include <memory>
+#include <mutex>
+#include <string>
+
+namespace CLI {
+class App;
+}
+namespace spdlog {
+class logger;
+}
+
+namespace fraja::service {
+
+/// As people type them; add_log_options() sees to it that they are known words.
+struct LogOptions {
+    std::string level = "info", format = "text", color = "auto";
+};
+
+/// --log-level, --log-format and --color.
+void add_log_options(CLI::App& app, LogOptions& options);
+
+/// Any thread may use it.
+class Logger {
+public:
+    Logger(std::string program, const LogOptions& options);
+    /// Tells what was only counted.
+    ~Logger();
+    Logger(const Logger&) = delete;
+    Logger& operator=(const Logger&) = delete;
+
+    void log(LogLine line);
+    /// To be called about once a second: what was counted is told in its time.
+    void tell_due();
+
+private:
+    void write(const Told& told);
+
+    std::string program_;
+    bool as_json_;
+    std::shared_ptr<spdlog::logger> logger_;
+    std::mutex mutex_; ///< of what follows
+    Repeats repeats_;
+};
+
+} // namespace fraja::service
