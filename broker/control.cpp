@@ -201,7 +201,7 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
     case WorkerDeed::kick:
         break;
     }
-    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}});
+    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}, {}});
     if (control.deed == WorkerDeed::kick) {
         send(worker_peer, Dismissed{"dismissed by a client"});
         end_worker(workers_.find(worker_peer), Departure::said_goodbye, "it was dismissed");
@@ -239,7 +239,7 @@ void Dispatcher::undrain_absent(const PeerId& peer, const std::string& what) {
          .kind = "worker_undrained",
          .subject = worker.hello.worker_name,
          .text = "worker " + worker.hello.worker_name + " gets tiles again when it comes back"});
-    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}});
+    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}, {}});
 }
 
 /// Too many within a while, and it gets nothing for as long; but for the last one that there is.

@@ -34,6 +34,8 @@ public:
         std::uint64_t epoch = 0;
         std::string stream; ///< endpoint of the stream, told to every peer
         bool keeps = false; ///< there is a store: what is persisted is Stored
+        Instant started_at{};
+        Duration unix_offset{}; ///< since 1970, at Instant{}
     };
 
     Dispatcher(Identity identity, Limits limits);
@@ -53,6 +55,8 @@ public:
     [[nodiscard]] std::vector<OrderProgress> order_progress() const;
     /// Looks at every job and worker.
     [[nodiscard]] Figures figures() const;
+    /// The wall clock, which may be set while the broker runs.
+    void set_unix_offset(Duration offset) { identity_.unix_offset = offset; }
     /// What a person wants to know, one line each: for USR1.
     [[nodiscard]] std::vector<std::string> describe(Instant now) const;
 
@@ -320,6 +324,7 @@ private:
     void publish_farm_state();
     void publish_state(const Job& job);
     [[nodiscard]] protocol::JobState brief_state(const Job& job) const;
+    [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
     void repair(const PeerId& peer, const protocol::Repair& repair);
     [[nodiscard]] bool wants_digest(const Job& job) const;

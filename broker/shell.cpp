@@ -23,11 +23,14 @@ namespace {
 
 constexpr int messages_per_turn_max = 1'000; // then the clock is looked at again
 
+Duration since_1970() {
+    return std::chrono::system_clock::now().time_since_epoch();
+}
+
 /// Epochs grow with every start: microseconds since 1970.
 std::uint64_t new_epoch() {
-    const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
     return static_cast<std::uint64_t>(
-        std::chrono::duration_cast<std::chrono::microseconds>(since_1970).count());
+        std::chrono::duration_cast<std::chrono::microseconds>(since_1970()).count());
 }
 
 std::uint64_t packet_bytes(const protocol::Packet& packet) {
@@ -69,7 +72,11 @@ public:
           std::unique_ptr<Kept> kept, const net::Waker& waker, const Options& options)
         : router_(std::move(router)), publisher_(std::move(publisher)), kept_(std::move(kept)),
           waker_(waker), options_(options), epoch_(kept_ ? kept_->epoch : new_epoch()),
-          dispatcher_({random_id<BrokerId>(), epoch_, publisher_.endpoint(), kept_ != nullptr},
+          dispatcher_({.broker = random_id<BrokerId>(),
+                       .epoch = epoch_,
+                       .stream = publisher_.endpoint(),
+                       .keeps = kept_ != nullptr,
+                       .started_at = net::now()},
                       options.limits),
           next_report_(options.on_report ? Instant{} : Instant::never()) {
         if (!options.upstream.broker.empty())
@@ -119,6 +126,7 @@ private:
         next_report_ = now + report_interval;
         report_.at = now;
         report_.epoch = epoch_;
+        dispatcher_.set_unix_offset(since_1970() - (now - Instant{}));
         report_.figures = dispatcher_.figures();
         if (kept_)
             report_.written = kept_->writer.totals();

@@ -2,6 +2,7 @@
 #include "broker/dispatcher.hpp"
 
 #include "common/base/text.hpp"
+#include "common/base/version.hpp"
 #include "common/protocol/topics.hpp"
 
 #include <algorithm>
@@ -64,10 +65,37 @@ WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
             .tags = worker.hello.tags};
 }
 
+protocol::BrokerState Dispatcher::broker_state() const {
+    const Figures f = figures();
+    const Counters& c = f.counters;
+    return {.broker = identity_.broker,
+            .program_version = std::string(fraja::version),
+            .uptime = now_ - identity_.started_at,
+            .unix_time = identity_.unix_offset + (now_ - Instant{}),
+            .keeps = identity_.keeps,
+            .trouble = f.store_trouble,
+            .jobs = jobs_.size(),
+            .jobs_ready = f.jobs_ready,
+            .workers = f.workers(),
+            .threads = f.threads,
+            .clients = f.clients,
+            .tiles_in_flight = f.tiles_in_flight,
+            .jobs_done = c.jobs_done,
+            .jobs_failed = c.jobs_failed,
+            .jobs_cancelled = c.jobs_cancelled,
+            .tiles_done = c.tiles_done,
+            .tiles_failed = c.tiles_failed,
+            .tiles_requeued = c.tiles_requeued,
+            .tiles_overbooked = c.tiles_overbooked,
+            .workers_lost = c.workers_lost,
+            .rays = c.rays,
+            .render_time = c.render_time};
+}
+
 void Dispatcher::publish_farm_state() {
     if (!farm_subscribed_)
         return;
-    FarmState farm{.epoch = identity_.epoch, .jobs = {}, .workers = {}};
+    FarmState farm{.epoch = identity_.epoch, .jobs = {}, .workers = {}, .broker = broker_state()};
     for (auto entry = job_by_number_.rbegin();
          entry != job_by_number_.rend() && farm.jobs.size() < limits_.farm_jobs_max; ++entry)
         farm.jobs.push_back(brief_state(jobs_.at(entry->second)));

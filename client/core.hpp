@@ -57,6 +57,7 @@ struct FarmChanged {
 struct ConnectionChanged {
     bool connected = false;
     std::string broker; ///< the endpoint
+    std::string stream; ///< where that says its stream is; empty where it is lost
 };
 /// The last word of a core.
 struct Finished {

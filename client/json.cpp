@@ -110,13 +110,66 @@ std::string worker_json(const protocol::WorkerState& state) {
     return dumped(worker_object(state));
 }
 
+namespace {
+
+Json broker_object(const protocol::BrokerState& b) {
+    const auto unix_time = std::chrono::system_clock::time_point(
+        std::chrono::duration_cast<std::chrono::system_clock::duration>(b.unix_time));
+    Json json = {{"schema", "fraja.broker/1"},   {"broker", fraja::to_string(b.broker)},
+                 {"version", b.program_version}, {"uptime_s", seconds(b.uptime)},
+                 {"time", rfc3339(unix_time)},   {"keeps", b.keeps}};
+    if (!b.trouble.empty())
+        json["trouble"] = b.trouble;
+    json["jobs"] = {{"known", b.jobs},
+                    {"ready", b.jobs_ready},
+                    {"done", b.jobs_done},
+                    {"failed", b.jobs_failed},
+                    {"cancelled", b.jobs_cancelled}};
+    json["workers"] = {{"count", b.workers}, {"threads", b.threads}, {"lost", b.workers_lost}};
+    json["clients"] = b.clients;
+    json["tiles"] = {{"in_flight", b.tiles_in_flight},
+                     {"done", b.tiles_done},
+                     {"failed", b.tiles_failed},
+                     {"requeued", b.tiles_requeued},
+                     {"overbooked", b.tiles_overbooked}};
+    json["rays"] = b.rays.total();
+    json["render_time_s"] = seconds(b.render_time);
+    return json;
+}
+
+} // namespace
+
+std::string broker_json(const AskedBroker& asked) {
+    if (!asked.farm)
+        return dumped({{"schema", "fraja.broker/1"},
+                       {"endpoint", asked.endpoint},
+                       {"reason", asked.trouble}});
+    Json json = broker_object(asked.farm->broker);
+    json["endpoint"] = asked.endpoint;
+    return dumped(json);
+}
+
+std::string finding_json(const Finding& f) {
+    const char* const grade = f.grade == Finding::Grade::good  ? "good"
+                              : f.grade == Finding::Grade::bad ? "bad"
+                                                               : "doubtful";
+    Json json = {
+        {"schema", "fraja.finding/1"}, {"grade", grade}, {"subject", f.subject}, {"text", f.text}};
+    if (!f.cure.empty())
+        json["cure"] = f.cure;
+    return dumped(json);
+}
+
 std::string farm_json(const protocol::FarmState& farm) {
     Json jobs = Json::array(), workers = Json::array();
     for (const auto& job : farm.jobs)
         jobs.push_back(job_object(job));
     for (const auto& worker : farm.workers)
         workers.push_back(worker_object(worker));
-    return dumped({{"schema", "fraja.farm/1"}, {"jobs", jobs}, {"workers", workers}});
+    return dumped({{"schema", "fraja.farm/1"},
+                   {"broker", broker_object(farm.broker)},
+                   {"jobs", jobs},
+                   {"workers", workers}});
 }
 
 std::string progress_json(const ProgressView& v) {

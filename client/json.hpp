@@ -1,9 +1,11 @@
 // The JSON objects that programs print for other programs: one line each, schemas as in CLI.md.
 #pragma once
 
+#include "client/doctor.hpp"
 #include "client/exit_code.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
+#include "client/table.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <chrono>
@@ -20,7 +22,11 @@ namespace fraja::client {
 [[nodiscard]] std::string job_json(const protocol::JobState& state);
 /// fraja.worker/1
 [[nodiscard]] std::string worker_json(const protocol::WorkerState& state);
-/// fraja.farm/1: all jobs and workers.
+/// fraja.broker/1: a broker and what it has done, with the endpoint where it was asked.
+[[nodiscard]] std::string broker_json(const AskedBroker& asked);
+/// fraja.finding/1: what a doctor found.
+[[nodiscard]] std::string finding_json(const Finding& finding);
+/// fraja.farm/1: the broker, all jobs and workers.
 [[nodiscard]] std::string farm_json(const protocol::FarmState& farm);
 /// fraja.progress/1
 [[nodiscard]] std::string progress_json(const ProgressView& view);

@@ -110,6 +110,49 @@ std::string workers_table(const std::vector<protocol::WorkerState>& workers) {
     return table_of(rows, "<>>>>><<");
 }
 
+std::string brokers_table(const std::vector<AskedBroker>& brokers) {
+    std::vector<Row> rows = {
+        {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
+    for (const auto& [endpoint, farm, trouble] : brokers) {
+        if (!farm) {
+            rows.push_back({endpoint, cut(trouble, 60)});
+            continue;
+        }
+        const protocol::BrokerState& b = farm->broker;
+        rows.push_back({endpoint, b.trouble.empty() ? "well" : cut(b.trouble, 60),
+                        printable(b.program_version), format_duration(b.uptime),
+                        std::to_string(b.workers), std::to_string(b.threads),
+                        std::to_string(b.clients), std::to_string(b.jobs),
+                        fraja::to_string(b.broker)});
+    }
+    return table_of(rows, "<<<>>>>><");
+}
+
+std::string stats_page(const protocol::FarmState& farm) {
+    const protocol::BrokerState& b = farm.broker;
+    const double up = std::max(seconds(b.uptime), 1e-9);
+    std::string text =
+        fmt::format("broker            {}, version {}, up {}\n"
+                    "jobs              {} known, {} with tiles to give\n"
+                    "jobs over         {} done, {} failed, {} cancelled\n"
+                    "workers           {} with {} threads; {} lost\n"
+                    "tiles             {} done, {} in flight\n"
+                    "tiles again       {} requeued, {} failed, {} overbooked\n",
+                    fraja::to_string(b.broker), printable(b.program_version),
+                    format_duration(b.uptime), b.jobs, b.jobs_ready, b.jobs_done, b.jobs_failed,
+                    b.jobs_cancelled, b.workers, b.threads, b.workers_lost, b.tiles_done,
+                    b.tiles_in_flight, b.tiles_requeued, b.tiles_failed, b.tiles_overbooked);
+    text += fmt::format("rays              {} ({} camera, {} reflected, {} refracted, {} shadow)\n"
+                        "speed             {}, mean since the broker started\n"
+                        "render time       {:.3f} s (summed over render threads)\n",
+                        b.rays.total(), b.rays.camera, b.rays.reflected, b.rays.refracted,
+                        b.rays.shadow, format_rate(static_cast<double>(b.rays.total()) / up),
+                        seconds(b.render_time));
+    if (!b.trouble.empty())
+        text += "store             " + printable(b.trouble) + "\n";
+    return text;
+}
+
 std::string tile_line(const protocol::TileDone& tile) {
     return fmt::format("{:>11}  {:<9}  {:<16}  {:>9.3f} s  {:>10} rays",
                        fmt::format("{},{}", tile.rect.x, tile.rect.y),

@@ -3,6 +3,7 @@
 
 #include "common/protocol/messages.hpp"
 
+#include <optional>
 #include <string>
 
 namespace fraja::client {
@@ -11,6 +12,17 @@ namespace fraja::client {
 [[nodiscard]] std::string jobs_table(const std::vector<protocol::JobState>& jobs);
 /// Of all workers, by name; a line that says so when there are none.
 [[nodiscard]] std::string workers_table(const std::vector<protocol::WorkerState>& workers);
+
+/// A broker that was asked for its farm.
+struct AskedBroker {
+    std::string endpoint;
+    std::optional<protocol::FarmState> farm; ///< nothing: it did not answer
+    std::string trouble;                     ///< then: why
+};
+/// Of all brokers that were asked, in their order.
+[[nodiscard]] std::string brokers_table(const std::vector<AskedBroker>& brokers);
+/// What a farm has done since its broker started, a line each.
+[[nodiscard]] std::string stats_page(const protocol::FarmState& farm);
 
 /// `128,64  64x64  ada  0.123 s  4096 rays`, with columns that stay where they are.
 [[nodiscard]] std::string tile_line(const protocol::TileDone& tile);

@@ -570,16 +570,69 @@ struct WorkerState {
     }
 };
 
+struct BrokerState {
+    BrokerId broker;
+    std::string program_version;
+    Duration uptime{};
+    Duration unix_time{};
+    bool keeps = false;
+    std::string trouble;
+    std::uint64_t jobs = 0;
+    std::uint64_t jobs_ready = 0;
+    std::uint64_t workers = 0;
+    std::uint64_t threads = 0;
+    std::uint64_t clients = 0;
+    std::uint64_t tiles_in_flight = 0;
+    std::uint64_t jobs_done = 0;
+    std::uint64_t jobs_failed = 0;
+    std::uint64_t jobs_cancelled = 0;
+    std::uint64_t tiles_done = 0;
+    std::uint64_t tiles_failed = 0;
+    std::uint64_t tiles_requeued = 0;
+    std::uint64_t tiles_overbooked = 0;
+    std::uint64_t workers_lost = 0;
+    Rays rays;
+    Duration render_time{};
+    friend bool operator==(const BrokerState&, const BrokerState&) = default;
+    static constexpr auto fields() {
+        using T = BrokerState;
+        return std::tuple{Field{"broker", &T::broker},
+                          Field{"program_version", &T::program_version},
+                          Field{"uptime", &T::uptime},
+                          Field{"unix_time", &T::unix_time},
+                          Field{"keeps", &T::keeps},
+                          Field{"trouble", &T::trouble},
+                          Field{"jobs", &T::jobs},
+                          Field{"jobs_ready", &T::jobs_ready},
+                          Field{"workers", &T::workers},
+                          Field{"threads", &T::threads},
+                          Field{"clients", &T::clients},
+                          Field{"tiles_in_flight", &T::tiles_in_flight},
+                          Field{"jobs_done", &T::jobs_done},
+                          Field{"jobs_failed", &T::jobs_failed},
+                          Field{"jobs_cancelled", &T::jobs_cancelled},
+                          Field{"tiles_done", &T::tiles_done},
+                          Field{"tiles_failed", &T::tiles_failed},
+                          Field{"tiles_requeued", &T::tiles_requeued},
+                          Field{"tiles_overbooked", &T::tiles_overbooked},
+                          Field{"workers_lost", &T::workers_lost},
+                          Field{"rays", &T::rays},
+                          Field{"render_time", &T::render_time}};
+    }
+};
+
 struct FarmState {
     static constexpr std::uint16_t type = 42;
     static constexpr std::string_view name = "FarmState";
     std::uint64_t epoch = 0;
     std::vector<JobState> jobs;
     std::vector<WorkerState> workers;
+    BrokerState broker;
     friend bool operator==(const FarmState&, const FarmState&) = default;
     static constexpr auto fields() {
         return std::tuple{Field{"epoch", &FarmState::epoch}, Field{"jobs", &FarmState::jobs},
-                          Field{"workers", &FarmState::workers}};
+                          Field{"workers", &FarmState::workers},
+                          Field{"broker", &FarmState::broker}};
     }
 };
 

@@ -116,6 +116,8 @@ std::string type_name() {
         return "TileInFlight";
     else if constexpr (std::is_same_v<T, WorkerState>)
         return "WorkerState";
+    else if constexpr (std::is_same_v<T, BrokerState>)
+        return "BrokerState";
     else if constexpr (std::is_same_v<T, Wishes>)
         return "Wishes";
     else
@@ -181,6 +183,7 @@ TEST_CASE("the page describes every message and record with its fields in order"
     compare(std::type_identity<Rays>{}, "Rays");
     compare(std::type_identity<TileInFlight>{}, "TileInFlight");
     compare(std::type_identity<WorkerState>{}, "WorkerState");
+    compare(std::type_identity<BrokerState>{}, "BrokerState");
     compare(std::type_identity<Wishes>{}, "Wishes");
     for_each_message_type([&]<class M>(std::type_identity<M> m) {
         compare(m, std::to_string(M::type) + " " + std::string(M::name));

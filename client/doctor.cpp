@@ -1,0 +1,267 @@
+#include "client/doctor.hpp"
+
+#include "client/shell.hpp"
+#include "client/table.hpp"
+#include "client/watching.hpp"
+#include "common/base/text.hpp"
+#include "common/base/version.hpp"
+#include "common/cli/command_line.hpp"
+#include "common/image_io/picture_codec.hpp"
+#include "common/net/clock.hpp"
+#include "common/net/endpoint.hpp"
+#include "common/net/reach.hpp"
+#include "common/render/kernel/render.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fmt/core.h>
+#include <optional>
+#include <sys/resource.h>
+#include <system_error>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+using enum Finding::Grade;
+
+/// For what answers within a millisecond where it answers at all.
+constexpr Duration patience = 3s;
+
+Finding examine_settings() {
+    std::string read;
+    std::error_code ignored;
+    for (const fs::path& file : cli::settings_files())
+        if (fs::exists(file, ignored))
+            read += (read.empty() ? "" : ", ") + file.string();
+    return {good, "settings", read.empty() ? "no settings file" : "read from " + read, {}};
+}
+
+Finding examine_processors() {
+    const auto isa = kernel::instruction_set();
+    if (!isa)
+        return {bad, "processors", isa.error().message, "choose another machine, or FRAJA_ISA"};
+    return {good,
+            "processors",
+            fmt::format("{} of them, {}", std::thread::hardware_concurrency(), *isa),
+            {}};
+}
+
+Finding examine_descriptors() {
+    rlimit limit{};
+    getrlimit(RLIMIT_NOFILE, &limit);
+    const std::string text =
+        limit.rlim_max == RLIM_INFINITY
+            ? "as many file descriptors as wanted"
+            : fmt::format("at most {} file descriptors", std::uint64_t{limit.rlim_max});
+    if (limit.rlim_max < descriptors_few)
+        return {doubtful, "limits", text + ": a broker here can serve few workers",
+                "raise it: ulimit -Hn, or LimitNOFILE= of the service"};
+    return {good, "limits", text, {}};
+}
+
+Finding examine_pictures() {
+    if (const auto codec = picture_codec(); !codec)
+        return {bad, "pictures", codec.error().message,
+                "install libopenimageio, and keep lib/fraja beside the programs"};
+    return {good, "pictures", "can be read and written", {}};
+}
+
+Finding examine_folder(const std::string& subject, fs::path folder) {
+    std::error_code ec;
+    while (!fs::exists(folder, ec) && folder.has_relative_path())
+        folder = folder.parent_path(); // the nearest that is there: it would be made below
+    const fs::space_info space = fs::space(folder, ec);
+    if (ec)
+        return {bad, subject, folder.string() + ": " + ec.message(), "choose another folder"};
+    const std::string text = fmt::format("{} has {}B free", folder.string(),
+                                         format_count(std::uint64_t{space.available}));
+    if (access(folder.c_str(), W_OK) != 0)
+        return {doubtful, subject, folder.string() + " cannot be written to by this user",
+                subject == "state" ? "give the broker another one: --state DIR"
+                                   : "write pictures elsewhere: -o FILE"};
+    if (space.available < disk_bytes_few)
+        return {doubtful, subject, text, "make room before a long job"};
+    return {good, subject, text, {}};
+}
+
+/// Where a broker of this user would keep its jobs.
+fs::path state_folder() {
+    if (const char* state = std::getenv("XDG_STATE_HOME"); state && *state)
+        return fs::path(state) / "fraja";
+    const char* home = std::getenv("HOME");
+    return home && *home ? fs::path(home) / ".local/state/fraja" : fs::path("/");
+}
+
+/// The first state of the farm, and how far one came towards it.
+class FarmPatient final : public Listener {
+public:
+    void hear(Instant now, const News& news) override {
+        if (const auto* changed = std::get_if<FarmChanged>(&news); changed && !farm)
+            farm = changed->farm;
+        else if (const auto* connection = std::get_if<ConnectionChanged>(&news);
+                 connection && connection->connected) {
+            stream = connection->stream;
+            give_up_at_ = now + patience;
+        }
+    }
+    Instant tick(Instant now) override {
+        gave_up_ = now >= give_up_at_;
+        return give_up_at_;
+    }
+    std::optional<Outcome> wants_to_leave() override {
+        return farm || gave_up_ ? std::optional(Outcome{}) : std::nullopt;
+    }
+    std::optional<protocol::FarmState> farm;
+    std::string stream; ///< empty: the broker did not answer
+
+private:
+    Instant give_up_at_ = Instant::never();
+    bool gave_up_ = false;
+};
+
+Finding examine_way(const std::string& broker, const net::Endpoint& endpoint) {
+    const auto took = net::reach(endpoint.host, endpoint.port, patience);
+    if (took)
+        return {good, broker, fmt::format("reached in {:.1f} ms", 1000 * seconds(*took)), {}};
+    if (took.error().code == ErrorCode::not_found)
+        return {bad, broker, took.error().message,
+                "look for a typing error; ping " + endpoint.host};
+    const bool here = net::is_loopback(endpoint);
+    return {bad, broker, took.error().message,
+            here ? "start one: fraja-broker" +
+                       std::string(endpoint.port == net::broker_port ? "" : " --bind " + broker)
+                 : "is fraja-broker running there, with --bind tcp://*:" +
+                       std::to_string(endpoint.port) +
+                       " --insecure? does a firewall close the port?"};
+}
+
+std::vector<Finding> examine_broker(const std::string& broker, const SharedOptions& shared,
+                                    const net::SignalWatch* signals) {
+    std::vector<Finding> findings;
+    if (const auto endpoint = net::parse_endpoint(broker, net::broker_port);
+        endpoint && endpoint->transport == net::Endpoint::Transport::tcp) {
+        findings.push_back(examine_way(broker, *endpoint));
+        if (findings.back().grade == bad)
+            return findings;
+        if (!net::is_loopback(*endpoint))
+            findings.push_back({doubtful, "keys",
+                                "there are none in this release: whoever reaches "
+                                "the broker may use it",
+                                "only on a network that you trust"});
+    }
+    const net::Context context;
+    FarmPatient patient;
+    SessionOptions session = session_options(shared);
+    session.brokers = {broker};
+    session.connect_timeout = std::min(shared.connect_timeout, patience);
+    FarmWatching watching(std::move(session));
+    const Outcome outcome = converse(context, watching, patient, signals);
+    if (outcome.code == ExitCode::refused)
+        findings.push_back(
+            {bad, "version", outcome.reason,
+             "this is " + version_line("fraja-ctl") + ": bring both to the same release"});
+    else if (patient.stream.empty())
+        findings.push_back({bad, broker,
+                            "something listens there, and does not answer as a "
+                            "fraja-broker does",
+                            "look which port the broker printed when it started"});
+    else if (!patient.farm)
+        findings.push_back({bad, "stream",
+                            "the broker answers, and its stream at " + patient.stream + " does not",
+                            "let its port through the firewall, too (--publish)"});
+    else
+        std::ranges::move(
+            examine_farm(*patient.farm, std::chrono::system_clock::now().time_since_epoch()),
+            std::back_inserter(findings));
+    return findings;
+}
+
+} // namespace
+
+std::vector<Finding> examine_machine() {
+    std::error_code ignored;
+    return {examine_settings(),
+            examine_processors(),
+            examine_descriptors(),
+            examine_pictures(),
+            examine_folder("folder", fs::current_path(ignored)),
+            examine_folder("state", state_folder())};
+}
+
+std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix_time) {
+    const protocol::BrokerState& broker = farm.broker;
+    std::vector<Finding> findings;
+    const std::string theirs = printable(broker.program_version);
+    if (theirs == version)
+        findings.push_back({good, "version", theirs + ", as here", {}});
+    else
+        findings.push_back(
+            {doubtful, "version",
+             "the broker's is " + theirs + ", and here it is " + std::string(version),
+             "bring all machines to the same release"});
+    const Duration skew = unix_time - broker.unix_time;
+    const bool ahead = skew > Duration::zero();
+    const std::string apart = format_duration(ahead ? skew : -skew);
+    if (skew <= clock_skew_max && -skew <= clock_skew_max)
+        findings.push_back({good, "clocks", "the broker's agrees with this one", {}});
+    else
+        findings.push_back(
+            {doubtful, "clocks",
+             "this machine's is " + apart + (ahead ? " ahead of" : " behind") + " the broker's",
+             "let both follow a time server (chrony, systemd-timesyncd)"});
+    if (!broker.trouble.empty())
+        findings.push_back({bad, "store", printable(broker.trouble),
+                            "jobs wait until the broker can write again: make room on its disk"});
+    else
+        findings.push_back(
+            {good,
+             "store",
+             broker.keeps ? "jobs outlive the broker" : "jobs are kept in memory only",
+             {}});
+    if (broker.workers == 0)
+        findings.push_back({doubtful, "workers", "there is none",
+                            "start one on each machine: fraja-worker -b BROKER"});
+    else if (broker.threads == 0)
+        findings.push_back(
+            {doubtful, "workers", fmt::format("none of the {} may be given tiles", broker.workers),
+             "fraja-ctl workers shows who drains or is in quarantine; undrain them"});
+    else
+        findings.push_back({good,
+                            "workers",
+                            fmt::format("{} with {} threads", broker.workers, broker.threads),
+                            {}});
+    if (broker.threads > 0 && broker.jobs_ready > 0 && broker.tiles_in_flight == 0)
+        findings.push_back(
+            {doubtful, "jobs", fmt::format("{} wait, and nobody renders them", broker.jobs_ready),
+             "compare their tags with the workers': fraja-ctl jobs, workers --json"});
+    return findings;
+}
+
+std::vector<Finding> examine_brokers(const SharedOptions& shared, const net::SignalWatch* signals) {
+    std::vector<Finding> findings;
+    for (const std::string& broker : shared.brokers)
+        std::ranges::move(examine_broker(broker, shared, signals), std::back_inserter(findings));
+    return findings;
+}
+
+std::string findings_page(const std::vector<Finding>& findings) {
+    std::size_t widest = 0;
+    for (const Finding& finding : findings)
+        widest = std::max(widest, finding.subject.size());
+    std::string page;
+    for (const Finding& f : findings) {
+        const char* const grade = f.grade == good ? "ok" : f.grade == bad ? "BAD" : "hm";
+        page += fmt::format("{:<4}{:<{}}  {}\n", grade, f.subject, widest, f.text);
+        if (!f.cure.empty())
+            page += fmt::format("    {:<{}}  -> {}\n", "", widest, f.cure);
+    }
+    return page;
+}
+
+} // namespace fraja::client

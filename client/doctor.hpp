@@ -1,0 +1,48 @@
+// Doctor: what commonly goes wrong between a machine and its farm, looked for; and the cure.
+#pragma once
+
+#include "client/options.hpp"
+#include "common/net/signals.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace fraja::client {
+
+struct Finding {
+    enum class Grade : std::uint8_t {
+        good,
+        doubtful, ///< works, but perhaps not as it is meant to
+        bad,      ///< does not work
+    };
+    Grade grade{};
+    std::string subject, text;
+    std::string cure; ///< what to do; empty where nothing need be done
+    friend bool operator==(const Finding&, const Finding&) = default;
+};
+
+/// Clocks that are further apart make logs and expiry dates hard to compare.
+inline constexpr Duration clock_skew_max = std::chrono::seconds(5);
+/// A broker serves so many peers with fewer descriptors than it would like; a client needs few.
+inline constexpr std::uint64_t descriptors_few = 4096;
+inline constexpr std::uint64_t disk_bytes_few = std::uint64_t{1} << 30;
+
+/// This machine: settings files, processors, descriptors, pictures, room on the disks.
+[[nodiscard]] std::vector<Finding> examine_machine();
+
+/// What a farm says of itself. `unix_time`: this machine's clock, since 1970.
+[[nodiscard]] std::vector<Finding> examine_farm(const protocol::FarmState& farm,
+                                                Duration unix_time);
+
+/// Each broker of the options: its name, its port, its version, its stream, its farm. `signals` may
+/// be null.
+[[nodiscard]] std::vector<Finding> examine_brokers(const SharedOptions& shared,
+                                                   const net::SignalWatch* signals);
+
+/// A line for each finding, and one for its cure.
+[[nodiscard]] std::string findings_page(const std::vector<Finding>& findings);
+
+} // namespace fraja::client
