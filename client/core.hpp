@@ -56,7 +56,8 @@ struct FarmChanged {
 /// The broker is reached, or was lost and is being looked for.
 struct ConnectionChanged {
     bool connected = false;
-    std::string broker; ///< the endpoint
+    std::string broker;  ///< the endpoint
+    std::string version; ///< of its program, if it is reached
 };
 /// The last word of a core.
 struct Finished {

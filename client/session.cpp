@@ -76,7 +76,7 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
     beat_due_ = now + heartbeat_;
     silent_at_ = now + silence_max_;
     if (first || known_lost_)
-        actions.push_back(News(ConnectionChanged{true, broker()}));
+        actions.push_back(News(ConnectionChanged{true, broker(), welcome_.program_version}));
     known_lost_ = false;
     return Change::opened;
 }
@@ -99,7 +99,7 @@ Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
         open_ = false;
         known_lost_ = true;
         looking_since_ = now;
-        actions.push_back(News(ConnectionChanged{false, broker()}));
+        actions.push_back(News(ConnectionChanged{false, broker(), ""}));
         broker_ = (broker_ + 1) % options_.brokers.size();
         look_for_broker(now, actions);
     } else if (open_) {

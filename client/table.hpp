@@ -12,6 +12,15 @@ namespace fraja::client {
 /// Of all workers, by name; a line that says so when there are none.
 [[nodiscard]] std::string workers_table(const std::vector<protocol::WorkerState>& workers);
 
+/// The broker that is spoken to.
+struct BrokerRow {
+    std::string endpoint, version;
+    std::uint64_t epoch = 0;
+    bool connected = false;
+    bool known = false; ///< its epoch
+};
+[[nodiscard]] std::string broker_table(const BrokerRow& broker);
+
 /// `128,64  64x64  ada  0.123 s  4096 rays`, with columns that stay where they are.
 [[nodiscard]] std::string tile_line(const protocol::TileDone& tile);
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/options.hpp"
+#include "client/preview/preview.hpp"
 #include "client/watching.hpp"
 
 #include <optional>
@@ -15,6 +16,8 @@ struct WatchOptions {
     std::optional<std::string> job; ///< none: the farm
     std::string output;             ///< empty: no picture is kept
     WatchUntil until;
+    PreviewMode preview = PreviewMode::automatic;
+    std::optional<std::string> tev; ///< HOST:PORT, or HOST
 };
 
 [[nodiscard]] Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments);
