@@ -32,6 +32,7 @@ class FarmListener final : public Listener {
 public:
     FarmListener(const WatchOptions& options, Console& console)
         : options_(options), console_(console) {
+        view_.broker = options.shared.brokers.front(); // who is asked first
         if (fills_screen(options))
             screen_.emplace(outlet_);
     }

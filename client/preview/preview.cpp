@@ -33,6 +33,8 @@ TerminalWords terminal_words() {
 }
 
 PreviewMode best_mode(const TerminalWords& w, const std::function<bool()>& has_sixel) {
+    if (w.term.empty() || w.term == "dumb")
+        return PreviewMode::none;
     const bool kitty = w.kitty_window || w.term == "xterm-kitty" || w.term == "xterm-ghostty" ||
                        w.term_program == "ghostty" || w.term_program == "WezTerm";
     if (kitty && !w.multiplexed)

@@ -25,8 +25,8 @@ struct TerminalWords {
 [[nodiscard]] TerminalWords terminal_words();
 
 /// What is best on a terminal with colours: kitty's protocol where it is known to be understood,
-/// sixels where `has_sixel` says so (it is asked last, as that takes time), else blocks. Never
-/// automatic.
+/// sixels where `has_sixel` says so (it is asked last, as that takes time), else blocks; none where
+/// the terminal cannot move its cursor. Never automatic.
 [[nodiscard]] PreviewMode best_mode(const TerminalWords& words,
                                     const std::function<bool()>& has_sixel);
 [[nodiscard]] ColorDepth color_depth(const TerminalWords& words);

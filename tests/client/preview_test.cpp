@@ -170,6 +170,8 @@ TEST_CASE("the best way is chosen by what the terminal says of itself") {
                     with(false)) == PreviewMode::blocks);
     CHECK(best_mode({.term = "xterm-256color"}, with(true)) == PreviewMode::sixel);
     CHECK(best_mode({.term = "xterm-256color"}, with(false)) == PreviewMode::blocks);
+    CHECK(best_mode({.term = "dumb"}, with(true)) == PreviewMode::none);
+    CHECK(best_mode({.kitty_window = true}, with(true)) == PreviewMode::none);
     CHECK(color_depth({.colorterm = "truecolor"}) == ColorDepth::direct);
     CHECK(color_depth({.term = "xterm-256color"}) == ColorDepth::indexed);
 }
