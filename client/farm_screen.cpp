@@ -32,9 +32,14 @@ std::size_t shown_count(std::size_t count, std::size_t room) {
     return room > 2 ? room - 2 : 0;
 }
 
+/// "1 job", "2 jobs".
+std::string counted(std::uint64_t count, std::string_view what) {
+    return fmt::format("{} {}{}", count, what, count == 1 ? "" : "s");
+}
+
 void append_more(Lines& lines, std::size_t more, std::string_view what) {
     if (more > 0)
-        lines.push_back(fmt::format("and {} more {}{}", more, what, more == 1 ? "" : "s"));
+        lines.push_back("and " + counted(more, "more " + std::string(what)));
 }
 
 Lines jobs_part(std::vector<protocol::JobState> jobs, std::size_t room) {
@@ -63,8 +68,8 @@ std::string title(const FarmView& view) {
     const auto threads =
         std::transform_reduce(workers.begin(), workers.end(), std::uint64_t{0}, std::plus<>(),
                               [](const auto& w) { return w.threads; });
-    return fmt::format("{} jobs, {} not over; {} workers, {} threads    (q leaves)", jobs.size(),
-                       open, workers.size(), threads);
+    return fmt::format("{}, {} not over; {}, {}    (q leaves)", counted(jobs.size(), "job"), open,
+                       counted(workers.size(), "worker"), counted(threads, "thread"));
 }
 
 } // namespace

@@ -54,7 +54,7 @@ TEST_CASE("the farm's table fills the terminal, follows its size, and gives it b
         REQUIRE(terminal.wait_for("ada", patience));
         CHECK_FALSE(terminal.is_sane()); // keys are read one by one
         terminal.resize({30, 5});
-        REQUIRE(terminal.wait_for("\x1b[H0 jobs, 0 not over; 1 workers,\r\n", patience)); // cut
+        REQUIRE(terminal.wait_for("\x1b[H0 jobs, 0 not over; 1 worker, \r\n", patience)); // cut
         REQUIRE(terminal.wait_for("\x1b[J", patience));
         terminal.type(row.keys);
         REQUIRE(terminal.wait_for_end(patience));
