@@ -124,6 +124,7 @@ std::string progress_json(const ProgressView& v) {
                  {"state", to_string(v.phase)},
                  {"done_count", v.done_count},
                  {"cell_count", v.cell_count},
+                 {"share_done", v.share},
                  {"worker_count", v.worker_count},
                  {"rays_per_s", v.rays_per_s},
                  {"elapsed_s", seconds(v.elapsed)}};

@@ -10,7 +10,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr double under_way_share = 0.01;
-constexpr Duration known_after = 1s;        // by the mean of all the time, until there is a line
+constexpr Duration known_after = 1s;        // by the mean, until there is a line
 constexpr Duration line_length_min = 2s;    // that says more than the mean
 constexpr double workers_change_min = 0.25; // of them, that makes it another farm,
 constexpr Duration change_length_min = 2s;  // unless they are soon back
@@ -44,20 +44,25 @@ bool Remaining::is_another_farm(Duration elapsed, std::uint32_t worker_count) {
 void Remaining::update(Duration elapsed, double share, std::uint32_t worker_count) {
     elapsed_ = elapsed;
     share_ = share;
+    if (share <= 0)
+        idle_ = elapsed;
     if (share < under_way_share)
         return;
     if (!line_ || is_another_farm(elapsed, worker_count))
         line_ = Line{.begin = elapsed, .share = share, .workers = worker_count};
     line_->add(seconds(elapsed - line_->begin), share - line_->share);
-    if (elapsed - line_->begin >= line_length_min)
+    if (elapsed - line_->begin >= std::max<Duration>(line_length_min, idle_ / 2))
         slope_ = line_->slope();
 }
 
 std::optional<Duration> Remaining::left() const {
     if (share_ <= 0 || elapsed_ < known_after)
         return std::nullopt;
-    const double slope = slope_ > 0 ? slope_ : share_ / seconds(elapsed_);
-    return from_seconds((1 - share_) / slope);
+    // The first tiles come together: soon after them the mean of all the time tells more.
+    const Duration working = elapsed_ - idle_;
+    const bool well_under_way = working >= std::max<Duration>(known_after, idle_ / 2);
+    const double mean = share_ / seconds(well_under_way ? working : elapsed_);
+    return from_seconds((1 - share_) / (slope_ > 0 ? slope_ : mean));
 }
 
 } // namespace fraja::client

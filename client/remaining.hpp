@@ -37,6 +37,7 @@ private:
     std::optional<Line> line_;
     std::optional<Duration> other_since_; ///< when the workers became other ones than the line's
     double slope_ = 0;                    ///< of the last line that was long enough
+    Duration idle_{};                     ///< until when there was nothing
     Duration elapsed_{};
     double share_ = 0;
 };
