@@ -1,10 +1,11 @@
 #include "client/console.hpp"
 
+#include "client/columns.hpp"
 #include "common/base/text.hpp"
 
 #include <cstdlib>
 #include <fmt/core.h>
-#include <sys/ioctl.h>
+#include <poll.h>
 #include <unistd.h>
 #include <utility>
 
@@ -28,13 +29,14 @@ bool wants_color(ColorChoice choice, bool terminal) {
     return terminal && !(no_color && *no_color);
 }
 
-/// The first `columns` characters of UTF-8 text, counting every code point as one column.
-std::string_view cut(std::string_view text, std::size_t columns) {
-    std::size_t seen = 0;
-    for (std::size_t i = 0; i < text.size(); ++i)
-        if ((static_cast<unsigned char>(text[i]) & 0xc0) != 0x80 && ++seen > columns)
-            return text.substr(0, i);
-    return text;
+/// A terminal that knows how shows all that is between them at once.
+constexpr std::string_view update_begin = "\x1b[?2026h", update_end = "\x1b[?2026l";
+
+constexpr int room_awaited_ms = 1000; // for a message, of a reader who takes none
+
+bool has_room(std::FILE* out) {
+    pollfd entry{fileno(out), POLLOUT, 0};
+    return ::poll(&entry, 1, room_awaited_ms) == 1;
 }
 
 } // namespace
@@ -75,6 +77,9 @@ void Console::say(LogLevel level, std::string_view word, const char* color, std:
 }
 
 void Console::line(std::string_view text) {
+    if (picture_)
+        return put(fmt::format("{}{}{}\n{}{}", update_begin, taken_away(), text, picture_and_line(),
+                               update_end));
     const std::string redrawn = std::exchange(redrawn_, {});
     put(fmt::format("{}{}\n", redrawn.empty() ? "" : "\r\x1b[K", text));
     if (!redrawn.empty())
@@ -82,34 +87,64 @@ void Console::line(std::string_view text) {
 }
 
 void Console::redraw(std::string_view text) {
-    redrawn_ = cut(text, terminal_width(out_) - 1);
+    redrawn_ = first_columns(text, window().columns - 1);
     put("\r\x1b[K" + redrawn_);
 }
 
+void Console::show(Preview picture) {
+    const Window now = window();
+    std::string text(update_begin);
+    if (picture_ && now != drawn_in_) // nobody knows where what was there has gone
+        text += picture_->removal + "\x1b[H\x1b[2J";
+    else if (picture_ && picture_->rows == picture.rows) // what is the same does not flicker
+        text += fmt::format("\r\x1b[{}A", picture_->rows);
+    else if (picture_)
+        text += taken_away();
+    picture_ = std::move(picture);
+    drawn_in_ = now;
+    redrawn_ = first_columns(redrawn_, now.columns - 1);
+    put(text + picture_and_line() + std::string(update_end));
+}
+
+std::string Console::picture_and_line() const {
+    // First room is made, as the window may have to scroll for it. The picture leaves the cursor
+    // where its kind does, so the place is remembered.
+    return fmt::format("\r{}\x1b[{}A\x1b"
+                       "7{}\x1b"
+                       "8\x1b[{}B\r\x1b[K{}",
+                       std::string(picture_->rows, '\n'), picture_->rows, picture_->bytes,
+                       picture_->rows, redrawn_);
+}
+
+std::string Console::taken_away() const {
+    return fmt::format("\r\x1b[{}A{}\x1b[J", picture_->rows, picture_->removal);
+}
+
 ExitCode Console::checked(ExitCode code) {
-    if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0)
+    return checked(code, std::fflush(stdout) != 0 || std::ferror(stdout) != 0);
+}
+
+ExitCode Console::checked(ExitCode code, bool lost) {
+    if (!lost)
         return code;
     error("standard output cannot be written to");
     return code == ExitCode::done ? ExitCode::job_failed : code;
 }
 
 void Console::end_redraw() {
-    if (std::exchange(redrawn_, {}).empty())
-        return;
-    put("\n");
+    const bool any = picture_ || !redrawn_.empty();
+    picture_.reset();
+    redrawn_.clear();
+    if (any)
+        put("\n");
 }
 
 void Console::put(std::string_view text) {
+    if (!has_room(out_))
+        return;
     std::fwrite(text.data(), 1, text.size(), out_);
     std::fflush(out_);
     std::clearerr(out_); // there may be room again for what comes next
-}
-
-std::size_t terminal_width(std::FILE* file) {
-    winsize size{};
-    if (ioctl(fileno(file), TIOCGWINSZ, &size) == 0 && size.ws_col > 1)
-        return size.ws_col;
-    return 80;
 }
 
 } // namespace fraja::client

@@ -1,11 +1,14 @@
-// Console: what a program says to its user, on stderr: messages by level, and one line that is
-// redrawn on a terminal.
+// Console: what a program says to its user, on stderr: messages by level; and on a terminal one
+// line that is redrawn, with a picture above it where that is wanted.
 #pragma once
 
 #include "client/exit_code.hpp"
+#include "client/preview/preview.hpp"
+#include "client/terminal.hpp"
 
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -39,27 +42,40 @@ public:
     void line(std::string_view text);
     /// Takes the place of the last redrawn line. Only for terminals; cut to their width.
     void redraw(std::string_view text);
-    /// The redrawn line stays as it is.
+    /// Takes the place of the last picture, above the redrawn line. Only for terminals. The picture
+    /// must leave room for that line in the window.
+    void show(Preview picture);
+    /// The redrawn line and the picture stay as they are.
     void end_redraw();
 
     /// `code`, or job_failed where the result on stdout got lost (a full disk), which is then said.
     [[nodiscard]] ExitCode checked(ExitCode code);
+    /// The same, of what went to stdout by another way: `lost` says that it did.
+    [[nodiscard]] ExitCode checked(ExitCode code, bool lost);
 
     [[nodiscard]] bool is_terminal() const { return terminal_; }
     [[nodiscard]] bool uses_color() const { return color_; }
+    /// Of the terminal.
+    [[nodiscard]] Window window() const { return window_of(fileno(out_)); }
+    [[nodiscard]] bool answers_sixel() const { return client::answers_sixel(fileno(out_)); }
 
 private:
     void say(LogLevel level, std::string_view word, const char* color, std::string_view text);
-    /// A picture is not given up because a message cannot be written: that gets lost.
+    /// A picture is not given up because a message cannot be written, nor kept waiting for long:
+    /// that gets lost.
     void put(std::string_view text);
+    /// From the beginning of the picture's place on, with room for it below.
+    [[nodiscard]] std::string picture_and_line() const;
+    /// To where the picture begins, and all is clear from there on.
+    [[nodiscard]] std::string taken_away() const;
 
     ConsoleOptions options_;
     std::FILE* out_;
     bool terminal_, color_;
-    std::string redrawn_; ///< on the terminal now
+    // On the terminal now:
+    std::string redrawn_;
+    std::optional<Preview> picture_;
+    Window drawn_in_; ///< the window when the picture was drawn
 };
-
-/// Columns of the terminal behind `file`, or 80.
-[[nodiscard]] std::size_t terminal_width(std::FILE* file);
 
 } // namespace fraja::client

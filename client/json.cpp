@@ -173,15 +173,11 @@ std::string farm_json(const protocol::FarmState& farm) {
 }
 
 std::string progress_json(const ProgressView& v) {
-    Json json = {{"schema", "fraja.progress/1"},
-                 {"name", v.job_name},
-                 {"number", v.number},
-                 {"state", to_string(v.phase)},
-                 {"done_count", v.done_count},
-                 {"cell_count", v.cell_count},
-                 {"worker_count", v.worker_count},
-                 {"rays_per_s", v.rays_per_s},
-                 {"elapsed_s", seconds(v.elapsed)}};
+    Json json = {{"schema", "fraja.progress/1"}, {"name", v.job_name},
+                 {"number", v.number},           {"state", to_string(v.phase)},
+                 {"done_count", v.done_count},   {"cell_count", v.cell_count},
+                 {"share_done", v.share},        {"worker_count", v.worker_count},
+                 {"rays_per_s", v.rays_per_s},   {"elapsed_s", seconds(v.elapsed)}};
     if (v.remaining)
         json["remaining_s"] = seconds(*v.remaining);
     json["connected"] = v.connected;

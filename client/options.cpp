@@ -38,6 +38,11 @@ constexpr Names<ProgressMode, 5> progress_modes{{{{"auto", ProgressMode::automat
                                                   {"none", ProgressMode::none}}}};
 constexpr Names<Transfer, 3> transfers{
     {{{"raja", Transfer::raja}, {"srgb", Transfer::srgb}, {"linear", Transfer::linear}}}};
+constexpr Names<PreviewMode, 5> preview_modes{{{{"auto", PreviewMode::automatic},
+                                                {"kitty", PreviewMode::kitty},
+                                                {"sixel", PreviewMode::sixel},
+                                                {"blocks", PreviewMode::blocks},
+                                                {"none", PreviewMode::none}}}};
 constexpr Names<ColorChoice, 3> color_choices{{{{"auto", ColorChoice::automatic},
                                                 {"always", ColorChoice::always},
                                                 {"never", ColorChoice::never}}}};
@@ -107,6 +112,21 @@ Result<SharedOptions> SharedArguments::read() const {
     options.console = {program_, log_levels.of(log_level_), color_choices.of(color_)};
     options.json = json_;
     return options;
+}
+
+void PreviewArgument::add_to(CLI::App& app, std::string absent, bool may_stand_alone) {
+    mode_ = std::move(absent);
+    const std::string what =
+        "The picture so far, on a terminal: auto, kitty, sixel (with libchafa), blocks or none";
+    CLI::Validator check = CLI::IsMember(preview_modes.list());
+    CLI::Option* const option = may_stand_alone
+                                    ? app.add_flag("--preview{auto}", mode_, what)
+                                    : app.add_option("--preview", mode_, what)->type_name("MODE");
+    option->check(check)->default_str(mode_);
+}
+
+PreviewMode PreviewArgument::read() const {
+    return preview_modes.of(mode_);
 }
 
 void EncodingArguments::add_to(CLI::App& app) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/console.hpp"
+#include "client/preview/preview.hpp"
 #include "client/session.hpp"
 #include "common/base/result.hpp"
 #include "common/base/version.hpp"
@@ -41,6 +42,18 @@ private:
     std::vector<std::string> brokers_;
     std::string connect_timeout_ = "10s", progress_ = "auto", color_ = "auto", log_level_ = "info";
     bool json_ = false;
+};
+
+/// --preview as it is typed.
+class PreviewArgument {
+public:
+    /// Without it: `absent`, one of the modes. Where it `may_stand_alone`, that means auto; then a
+    /// mode is given as --preview=MODE.
+    void add_to(CLI::App& app, std::string absent, bool may_stand_alone);
+    [[nodiscard]] PreviewMode read() const;
+
+private:
+    std::string mode_;
 };
 
 /// --transfer and --half, which say how an output's numbers are written.

@@ -100,38 +100,32 @@ Result<void> Picture::write(const std::filesystem::path& path, const protocol::J
     return write_picture(path, film(), more, encoding);
 }
 
-void LivePicture::begin(const protocol::JobState& job, std::filesystem::path path,
+void PictureFile::begin(const protocol::JobState& job, std::filesystem::path path,
                         const PictureEncoding& encoding) {
-    picture_.emplace(job.settings);
     path_ = std::move(path);
     job_ = job;
     encoding_ = encoding;
+    changed_ = false;
 }
 
-void LivePicture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
-    FRAJA_ASSERT(picture_.has_value());
-    picture_->place(tile, cell_count);
-    changed_ = true;
-}
-
-Result<Instant> LivePicture::tick(Instant now) {
+Result<Instant> PictureFile::tick(Instant now, const Picture& picture) {
     if (!changed_)
         return Instant::never();
     if (now < due_)
         return due_;
     const Instant begin = net::now();
-    if (auto written = finish(); !written)
+    if (auto written = finish(picture); !written)
         return written.error();
     const Duration took = net::now() - begin;
     due_ = now + took + std::max<Duration>(rewrite_pause, 4 * took);
     return Instant::never();
 }
 
-Result<void> LivePicture::finish() {
+Result<void> PictureFile::finish(const Picture& picture) {
     if (!changed_)
         return {};
     changed_ = false;
-    return picture_->write(path_, job_, encoding_);
+    return picture.write(path_, job_, encoding_);
 }
 
 } // namespace fraja::client

@@ -53,21 +53,21 @@ private:
 
 /// A file that is kept as current as its writing allows: at most twice a second, and never more
 /// than a fifth of the time.
-class LivePicture {
+class PictureFile {
 public:
     /// Call when the job is known; again, when another is: it starts anew.
     void begin(const protocol::JobState& job, std::filesystem::path path,
                const PictureEncoding& encoding = {});
     /// What is written down beside the pixels.
     void update(const protocol::JobState& job) { job_ = job; }
-    void place(const protocol::TileDone& tile, std::uint32_t cell_count);
+    /// There is more of the picture.
+    void note_change() { changed_ = true; }
     /// Writes if that is due. Returns when it next is.
-    [[nodiscard]] Result<Instant> tick(Instant now);
-    /// Writes what is there, if anything is.
-    [[nodiscard]] Result<void> finish();
+    [[nodiscard]] Result<Instant> tick(Instant now, const Picture& picture);
+    /// Writes what is there, if anything is that was not written.
+    [[nodiscard]] Result<void> finish(const Picture& picture);
 
 private:
-    std::optional<Picture> picture_;
     std::filesystem::path path_;
     protocol::JobState job_;
     PictureEncoding encoding_;

@@ -12,7 +12,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr Duration rate_window = 5s;
-constexpr Duration remaining_known_after = 1s;
 constexpr Duration plain_silence_max = 30s;
 
 } // namespace
@@ -68,7 +67,7 @@ void ProgressMeter::update(const protocol::JobState& s) {
 
     if (!samples_.empty() &&
         (s.elapsed < samples_.back().elapsed || s.rays.total() < samples_.back().rays))
-        samples_.clear(); // another broker, or one without a memory
+        samples_.clear(), remaining_ = {}; // another broker, or one without a memory
     samples_.push_back({s.elapsed, s.rays.total()});
     while (samples_.size() > 2 && samples_[1].elapsed <= s.elapsed - rate_window)
         samples_.pop_front();
@@ -78,9 +77,8 @@ void ProgressMeter::update(const protocol::JobState& s) {
     view_.rays_per_s =
         span > 0.01 ? static_cast<double>(samples_.back().rays - first.rays) / span : 0;
 
-    view_.remaining.reset();
-    if (!is_over(s.phase) && view_.share > 0 && s.elapsed >= remaining_known_after)
-        view_.remaining = from_seconds(seconds(s.elapsed) * (1 - view_.share) / view_.share);
+    remaining_.update(s.elapsed, view_.share, s.worker_count);
+    view_.remaining = is_over(s.phase) ? std::nullopt : remaining_.left();
 }
 
 bool PlainPace::is_due(Instant now, unsigned percent) {

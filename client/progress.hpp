@@ -1,6 +1,7 @@
 // Progress: how far a job is, in one line; and when the next line is due.
 #pragma once
 
+#include "client/remaining.hpp"
 #include "common/base/instant.hpp"
 #include "common/protocol/messages.hpp"
 
@@ -54,6 +55,7 @@ private:
     };
     ProgressView view_;
     std::deque<Sample> samples_; ///< of the last seconds
+    Remaining remaining_;
 };
 
 /// Off a terminal: a line each time another 10 % are reached, and every 30 s.

@@ -69,14 +69,11 @@ public:
         return std::nullopt;
     }
 
-    void wait(const net::SignalWatch* signals, Duration timeout) const {
-        std::vector<net::Waitable> all;
+    void wait(std::vector<net::Waitable> all, Duration timeout) const {
         if (dealer_)
             all.emplace_back(*dealer_);
         if (stream_)
             all.emplace_back(*stream_);
-        if (signals)
-            all.emplace_back(signals->fd());
         net::wait(all, timeout);
     }
 
@@ -126,8 +123,13 @@ public:
                 outcome_ = outcome_of(*signal);
                 break;
             }
-            if (drained)
-                port_.wait(signals, std::min(core_.next_deadline(), redraw) - net::now());
+            if (!drained)
+                continue;
+            std::vector<net::Waitable> also;
+            if (signals)
+                also.emplace_back(signals->fd());
+            listener_.wait_also(also);
+            port_.wait(std::move(also), std::min(core_.next_deadline(), redraw) - net::now());
         }
         port_.take_leave();
         return *outcome_;

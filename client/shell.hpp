@@ -6,6 +6,9 @@
 #include "common/net/signals.hpp"
 #include "common/net/sockets.hpp"
 
+#include <optional>
+#include <vector>
+
 namespace fraja::client {
 
 /// What a program does with the news of its core.
@@ -19,6 +22,9 @@ public:
         (void)now;
         return Instant::never();
     }
+    /// Appends what else is to be waited for: a tick is due when one of these can be read or
+    /// written.
+    virtual void wait_also(std::vector<net::Waitable>& all) const { (void)all; }
     /// Asked after every tick: whether the program has had enough, and how it then ends.
     virtual std::optional<Outcome> wants_to_leave() { return std::nullopt; }
 };

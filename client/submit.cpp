@@ -1,6 +1,7 @@
 #include "client/submit.hpp"
 
 #include "client/json.hpp"
+#include "client/live_preview.hpp"
 #include "client/local/local_farm.hpp"
 #include "client/picture.hpp"
 #include "client/progress_report.hpp"
@@ -37,6 +38,9 @@ class SubmitListener final : public Listener {
 public:
     SubmitListener(const SubmitOptions& options, Console& console)
         : options_(options), console_(console),
+          preview_(console, options.preview == PreviewMode::none
+                                ? PreviewMode::none
+                                : LivePreview::chosen(options.preview, console)),
           progress_(console, ProgressReport::chosen(options.shared.progress, console), net::now()),
           give_up_at_(net::now() + options.shared.connect_timeout) {}
 
@@ -44,7 +48,9 @@ public:
         std::visit([&](const auto& n) { take(now, n); }, news);
     }
     Instant tick(Instant now) override {
-        const Instant redraw = progress_.tick(now);
+        const Instant redraw =
+            std::min(progress_.tick(now),
+                     picture_ ? preview_.tick(now, picture_->film()) : Instant::never());
         gave_up_ = waits_for_workers() && now >= give_up_at_;
         return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
                          farm_ ? now + farm_look_pause : Instant::never()});
@@ -60,7 +66,12 @@ public:
                            (options_.wishes.tags.empty() ? "" : ", or none has the tags") +
                            " (--connect-timeout says how long to wait for the first)"};
     }
-    void finish(Instant now) { progress_.finish(now); }
+    void finish(Instant now) {
+        if (picture_)
+            preview_.finish(picture_->film());
+        progress_.finish(now);
+        console_.end_redraw();
+    }
     /// Its own, which outlives the conversation.
     void set_farm(const LocalFarm& farm) { farm_ = &farm; }
 
@@ -85,6 +96,7 @@ private:
     }
     void take(Instant, const TileArrived& news) {
         picture_->place(news.tile, news.cell_count);
+        preview_.note_change();
         worker_seen_ = true;
         workers_.insert(news.tile.worker_name);
     }
@@ -111,6 +123,7 @@ private:
 
     const SubmitOptions& options_;
     Console& console_;
+    LivePreview preview_;
     ProgressReport progress_;
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;

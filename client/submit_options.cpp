@@ -21,6 +21,7 @@ constexpr const char* submit_examples = R"(Examples:
   fraja-submit scenes/cone.raj -r 1920x1080 -a 4       render on the farm to ./cone.png
   fraja-submit scenes/cone.raj --error 1               right to about one level of 255
   fraja-submit scenes/cone.raj --time-limit 30s        the best picture in half a minute
+  fraja-submit --preview scenes/cone.raj               see it grow, in this terminal
   fraja-submit --direct host1:7001,host2:7001 a.raj    on workers that listen, without a broker
   fraja-submit scenes/cone.raj --travel scenes/travels/cone.raj -o cone%04d.png    a film
   job=$(fraja-submit --detach scenes/cone.raj)         submit and leave; then: fraja-watch $job
@@ -40,6 +41,7 @@ constexpr double error_min = 0.001;
 struct Arguments {
     SharedArguments shared;
     EncodingArguments encoding;
+    PreviewArgument preview;
     SubmitOptions options;
     std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
                             filter = "box", time_limit, timeout, frames;
@@ -174,6 +176,7 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
                    "Leave after this time with exit 124; the job goes on, but with --local or "
                    "--direct, where what is done is saved")
         ->type_name("T");
+    a.preview.add_to(app, "none", true);
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
     app.add_flag("--stats", o.stats,
                  "Print rays by kind, what they cost, the estimated error, and times");
@@ -290,6 +293,7 @@ Result<void> read_direct(Arguments& a) {
 
 Result<void> read_conduct(Arguments& a) {
     SubmitOptions& o = a.options;
+    o.preview = a.preview.read();
     if (!a.timeout.empty()) {
         o.timeout = parse_duration(a.timeout);
         if (!o.timeout)
@@ -303,9 +307,9 @@ Result<void> read_conduct(Arguments& a) {
         return invalid_option("--detach needs a farm that goes on: not with --local");
     if (o.detach && o.wait)
         return invalid_option("--detach and --wait contradict each other");
-    if (o.detach && (o.stats || o.skip_existing))
-        return invalid_option("--detach leaves before the job is done: without --stats and "
-                              "--skip-existing");
+    if (o.detach && (o.stats || o.skip_existing || o.preview != PreviewMode::none))
+        return invalid_option("--detach leaves before the job is done: without --stats, "
+                              "--skip-existing and --preview");
     if (o.resume && o.local)
         return invalid_option("--resume needs a farm that goes on: not with --local");
     if (o.resume && o.settings.limited_in_time())
@@ -374,6 +378,8 @@ Result<void> read_film(Arguments& a) {
                               ": a film's frames are dealt out on demand");
     if (o.stats)
         return invalid_option("--stats is for a single picture: a film has --json");
+    if (o.preview != PreviewMode::none)
+        return invalid_option("--preview is for a single picture: not with --travel");
     return {};
 }
 

@@ -31,6 +31,7 @@ struct SubmitOptions {
     bool resume = false;             ///< take over a job of the same scene and settings
     bool detach = false, wait = false, dry_run = false, stats = false;
     bool skip_existing = false;
+    PreviewMode preview = PreviewMode::none;
     std::optional<Duration> timeout;
 
     /// Whether the job is this process's own, and ends with it.

@@ -1,5 +1,6 @@
 #include "client/table.hpp"
 
+#include "client/columns.hpp"
 #include "client/json.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
@@ -16,36 +17,23 @@ namespace {
 
 using Row = std::vector<std::string>;
 
-/// Characters, as far as one code point is one column.
-std::size_t width_of(std::string_view text) {
-    return static_cast<std::size_t>(std::ranges::count_if(
-        text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
 /// Columns as wide as their widest cell; the ones marked '>' are set right.
 std::string table_of(const std::vector<Row>& rows, std::string_view alignment) {
     std::vector<std::size_t> widths(alignment.size());
     for (const Row& row : rows)
         for (std::size_t c = 0; c < row.size(); ++c)
-            widths[c] = std::max(widths[c], width_of(row[c]));
+            widths[c] = std::max(widths[c], columns_of(row[c]));
     std::string text;
     for (const Row& row : rows) {
         std::string line;
         for (std::size_t c = 0; c < row.size(); ++c) {
-            const std::string gap(widths[c] - width_of(row[c]), ' ');
+            const std::string gap(widths[c] - columns_of(row[c]), ' ');
             line += (c == 0 ? "" : "  ") + (alignment[c] == '>' ? gap + row[c] : row[c] + gap);
         }
         line.resize(line.find_last_not_of(' ') + 1);
         text += line + "\n";
     }
     return text;
-}
-
-std::string cut(const std::string& text, std::size_t bytes_max) {
-    const std::string clean = printable(text);
-    if (clean.size() <= bytes_max)
-        return clean;
-    return std::string(clipped(clean, bytes_max)) + "...";
 }
 
 } // namespace
@@ -76,7 +64,7 @@ std::string jobs_table(const std::vector<protocol::JobState>& jobs) {
         {"JOB", "NAME", "STATE", "DONE", "IN FLIGHT", "WORKERS", "RAYS", "TIME", "ID"}};
     for (const auto& job : sorted) {
         const unsigned percent = ProgressView::percent_of(share_done(job));
-        rows.push_back({"#" + std::to_string(job.number), cut(job.job_name, 24),
+        rows.push_back({"#" + std::to_string(job.number), shortened(job.job_name, 24),
                         std::string(to_string(job.phase)), std::to_string(percent) + "%",
                         std::to_string(job.in_flight_count), std::to_string(job.worker_count),
                         format_count(job.rays.total()), format_duration(job.elapsed),
@@ -103,7 +91,7 @@ std::string workers_table(const std::vector<protocol::WorkerState>& workers) {
     std::vector<Row> rows = {
         {"WORKER", "THREADS", "CREDIT", "IN FLIGHT", "TILES", "RAYS", "STATE", "ID"}};
     for (const auto& worker : sorted)
-        rows.push_back({cut(worker.worker_name, 40), std::to_string(worker.threads),
+        rows.push_back({shortened(worker.worker_name, 40), std::to_string(worker.threads),
                         std::to_string(worker.credit), std::to_string(worker.in_flight_count),
                         std::to_string(worker.tiles_done), format_count(worker.rays.total()),
                         state_of(worker), fraja::to_string(worker.worker)});
@@ -115,15 +103,17 @@ std::string brokers_table(const std::vector<AskedBroker>& brokers) {
         {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
     for (const auto& [endpoint, farm, trouble] : brokers) {
         if (!farm) {
-            rows.push_back({endpoint, cut(trouble, 60)});
+            rows.push_back({shortened(endpoint, 60), shortened(trouble, 60)});
             continue;
         }
         const protocol::BrokerState& b = farm->broker;
-        rows.push_back({endpoint, b.trouble.empty() ? "well" : cut(b.trouble, 60),
-                        printable(b.program_version), format_duration(b.uptime),
-                        std::to_string(b.workers), std::to_string(b.threads),
-                        std::to_string(b.clients), std::to_string(b.jobs),
-                        fraja::to_string(b.broker)});
+        const std::string state = !trouble.empty()     ? trouble
+                                  : !b.trouble.empty() ? b.trouble
+                                                       : "well";
+        rows.push_back({shortened(endpoint, 60), shortened(state, 60), printable(b.program_version),
+                        format_duration(b.uptime), std::to_string(b.workers),
+                        std::to_string(b.threads), std::to_string(b.clients),
+                        std::to_string(b.jobs), fraja::to_string(b.broker)});
     }
     return table_of(rows, "<<<>>>>><");
 }

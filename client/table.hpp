@@ -16,8 +16,8 @@ namespace fraja::client {
 /// A broker that was asked for its farm.
 struct AskedBroker {
     std::string endpoint;
-    std::optional<protocol::FarmState> farm; ///< nothing: it did not answer
-    std::string trouble;                     ///< then: why
+    std::optional<protocol::FarmState> farm; ///< nothing: it has not answered
+    std::string trouble;                     ///< why not, or why not any more; empty: all is well
 };
 /// Of all brokers that were asked, in their order.
 [[nodiscard]] std::string brokers_table(const std::vector<AskedBroker>& brokers);

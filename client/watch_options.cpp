@@ -1,5 +1,6 @@
 #include "client/watch_options.hpp"
 
+#include "client/tev/packets.hpp"
 #include "common/base/text.hpp"
 #include "common/image_io/picture_file.hpp"
 #include "common/protocol/limits.hpp"
@@ -14,11 +15,25 @@ constexpr const char* watch_examples = R"(Examples:
   fraja-watch                      the table of jobs and workers, live
   fraja-watch '#17'                the tiles of job 17, one line each, as they finish
   fraja-watch cone -o now.png      also keep a picture current
+  fraja-watch cone --tev           also show it in tev, which runs here
   fraja-watch --json cone          the same as JSON lines, for scripts
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N; '' is the newest. It may be
-joined at any time: every tile is shown exactly once. The exit code is the job's.
+joined at any time: every tile is shown exactly once, or on a terminal the picture as it grows
+(--preview none: the tiles). The exit code is the job's. The table is left by q or Ctrl-C.
 )";
+
+/// --tev may stand alone: then the word behind it, if it is no HOST:PORT, is none of its own.
+void complete_tev(std::vector<std::string>& arguments) {
+    for (std::size_t i = 0; i < arguments.size() && arguments[i] != "--"; ++i) {
+        if (arguments[i] != "--tev")
+            continue;
+        const std::string next = i + 1 < arguments.size() ? arguments[i + 1] : "";
+        const auto colon = next.rfind(':');
+        if (colon == std::string::npos || !parse_count(next.substr(colon + 1)))
+            arguments[i] += "=127.0.0.1:" + std::to_string(tev::port);
+    }
+}
 
 } // namespace
 
@@ -40,6 +55,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     SharedArguments shared;
     EncodingArguments encoding;
     std::string until;
+    PreviewArgument preview;
     CLI::App app(watch_examples, watch_name);
     app.add_option("job", options.job, "Job to follow; none: the farm")->type_name("JOB");
     app.add_option("-o,--output", options.output, "Keep this picture file current")
@@ -49,7 +65,11 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->default_str("done")
         ->type_name("WHEN");
     app.add_flag("--once", options.until.once, "Print what there is now, and leave");
+    preview.add_to(app, "auto", false);
+    app.add_option("--tev", options.tev, "Show the picture in tev, here or at HOST:PORT")
+        ->type_name("[HOST:PORT]");
     shared.add_to(app, watch_name);
+    complete_tev(arguments);
     if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
     auto read = shared.read();
@@ -63,8 +83,12 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
                                     "--until " + until + ": done, first, or a share as 50%");
         options.until.share = *share;
     }
-    if (!options.job && (!options.output.empty() || !until.empty()))
-        return cli::usage_error(watch_name, "--output and --until need a JOB");
+    options.preview = preview.read();
+    if (!options.job && (!options.output.empty() || !until.empty() || options.tev))
+        return cli::usage_error(watch_name, "--output, --until and --tev need a JOB");
+    if (!options.job && options.preview != PreviewMode::automatic &&
+        options.preview != PreviewMode::none)
+        return cli::usage_error(watch_name, "--preview needs a JOB");
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return cli::usage_error(watch_name, "that is no JOB: it is too long");
     const auto how = encoding.read(options.output);

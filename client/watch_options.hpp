@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/options.hpp"
+#include "client/preview/preview.hpp"
 #include "client/watching.hpp"
 
 #include <optional>
@@ -16,6 +17,8 @@ struct WatchOptions {
     std::string output;             ///< empty: no picture is kept
     PictureEncoding encoding;       ///< of the output
     WatchUntil until;
+    PreviewMode preview = PreviewMode::automatic;
+    std::optional<std::string> tev; ///< HOST:PORT, or HOST
 };
 
 [[nodiscard]] Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments);

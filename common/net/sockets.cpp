@@ -444,7 +444,8 @@ void wait(const std::vector<Waitable>& waitables, Duration timeout) {
     std::vector<zmq::pollitem_t> items;
     items.reserve(waitables.size());
     for (const Waitable& w : waitables)
-        items.push_back({w.socket, w.fd, ZMQ_POLLIN, 0});
+        items.push_back(
+            {w.socket, w.fd, static_cast<short>(w.to_write ? ZMQ_POLLOUT : ZMQ_POLLIN), 0});
     // Rounded up, so that a deadline has passed when the wait is over; at most a minute, so that it
     // fits.
     const auto bounded = std::clamp<Duration>(timeout, Duration::zero(), 1min);

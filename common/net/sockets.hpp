@@ -203,16 +203,22 @@ private:
     using Socket::Socket;
 };
 
-/// Something to wait for: a socket, or a file descriptor that becomes readable.
+/// Something to wait for: a socket, or a file descriptor that becomes readable, or writable.
 struct Waitable {
     void* socket = nullptr;
     int fd = -1;
+    bool to_write = false;
     Waitable(const Socket& s) : socket(s.handle()) {}
     Waitable(int file_descriptor) : fd(file_descriptor) {}
+    [[nodiscard]] static Waitable writable(int file_descriptor) {
+        Waitable w(file_descriptor);
+        w.to_write = true;
+        return w;
+    }
 };
 
-/// Returns when one of them has something to receive, or after `timeout`; sometimes early. Receive
-/// from all of them until they are empty before waiting again.
+/// Returns when one of them has something to receive or room to write, or after `timeout`;
+/// sometimes early. Receive from all of them until they are empty before waiting again.
 void wait(std::initializer_list<Waitable> waitables, Duration timeout);
 void wait(const std::vector<Waitable>& waitables, Duration timeout);
 

@@ -281,6 +281,48 @@ TEST_CASE("fraja-watch reads its options") {
     }
 }
 
+TEST_CASE("fraja-watch may be asked for a preview and for tev, which needs no place") {
+    const auto watch = [](const std::string& line) {
+        auto parsed = parse_watch_options(words(line));
+        INFO(line);
+        if (const auto* early = std::get_if<EarlyExit>(&parsed))
+            FAIL(early->text);
+        return std::get<WatchOptions>(parsed);
+    };
+    CHECK(watch("cone").preview == PreviewMode::automatic);
+    CHECK(watch("cone --preview sixel").preview == PreviewMode::sixel);
+    CHECK_FALSE(watch("cone").tev.has_value());
+    struct Row {
+        std::string line, tev;
+    };
+    for (const Row& row :
+         {Row{"cone --tev", "127.0.0.1:14158"}, Row{"--tev cone", "127.0.0.1:14158"},
+          Row{"--tev --json cone", "127.0.0.1:14158"}, Row{"--tev host:1 cone", "host:1"},
+          Row{"cone --tev=host", "host"}, Row{"--tev [::1]:14158 cone", "[::1]:14158"}}) {
+        CAPTURE(row.line);
+        const WatchOptions o = watch(row.line);
+        CHECK(o.job == "cone");
+        CHECK(o.tev == row.tev);
+    }
+    for (const char* line : {"--tev", "--preview blocks", "cone --preview lines"}) {
+        CAPTURE(line);
+        const auto early = parse_watch_options(words(line));
+        REQUIRE(std::holds_alternative<EarlyExit>(early));
+        CHECK(std::get<EarlyExit>(early).code == 2);
+    }
+}
+
+TEST_CASE("fraja-submit shows no preview unless it is asked to, and then the best there is") {
+    CHECK(submit("a.raj").preview == PreviewMode::none);
+    CHECK(submit("--preview a.raj").preview == PreviewMode::automatic);
+    CHECK(submit("a.raj --preview=kitty").preview == PreviewMode::kitty);
+    for (const char* line : {"a.raj --preview=lines", "a.raj --preview --detach",
+                             "a.raj --preview --travel t.raj -o f%02d.png"}) {
+        CAPTURE(line);
+        CHECK(std::holds_alternative<EarlyExit>(parse_submit_options(words(line))));
+    }
+}
+
 TEST_CASE("parse_until takes done, first and a share, and nothing else") {
     struct Row {
         std::string_view text;

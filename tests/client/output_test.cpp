@@ -221,6 +221,27 @@ TEST_CASE("a message goes above the line that is redrawn") {
     CHECK(w.text() == "\r\x1b[K50%\r\x1b[Kprog: hello\n\r\x1b[K50%\r\x1b[K60%\n");
 }
 
+TEST_CASE("a picture stands above the line that is redrawn, and messages above both") {
+    Written w({"prog"});
+    w.console.redraw("63%");
+    w.console.show({"PICTURE", 3, "GONE"});
+    const std::string drawn = "\r\n\n\n\x1b[3A\x1b"
+                              "7PICTURE\x1b"
+                              "8\x1b[3B\r\x1b[K63%";
+    const std::string begin = "\x1b[?2026h", end = "\x1b[?2026l";
+    std::string want = "\r\x1b[K63%" + begin + drawn + end;
+    CHECK(w.text() == want);
+    w.console.info("news");
+    want += begin + "\r\x1b[3AGONE\x1b[Jprog: news\n" + drawn + end;
+    CHECK(w.text() == want);
+    w.console.show({"PICTURE", 3, "GONE"}); // in its own place
+    want += begin + "\r\x1b[3A" + drawn + end;
+    CHECK(w.text() == want);
+    w.console.end_redraw();
+    w.console.info("bye");
+    CHECK(w.text() == want + "\nprog: bye\n");
+}
+
 TEST_CASE("a picture puts tiles together, wherever their bytes were cut") {
     protocol::PictureSettings settings;
     settings.size = {8, 4};
@@ -387,28 +408,31 @@ TEST_CASE("messages that cannot be written are lost, and no more than that") {
     std::fclose(full);
 }
 
-TEST_CASE("a live picture is written when something came, and not too often") {
+TEST_CASE("a picture file is written when something came, and not too often") {
     const auto path =
         std::filesystem::temp_directory_path() / ("live-" + std::to_string(getpid()) + ".png");
     std::filesystem::remove(path);
     auto state = job();
     state.settings.size = {2, 1};
     state.settings.crop = {0, 0, 2, 1};
-    LivePicture live;
+    Picture picture(state.settings);
+    PictureFile live;
     live.begin(state, path);
-    REQUIRE(live.finish());
+    REQUIRE(live.finish(picture));
     CHECK_FALSE(std::filesystem::exists(path)); // there is nothing yet
     protocol::TileDone t;
     t.rect = {0, 0, 1, 1};
     t.blobs = {Blob(Bytes(12))};
-    live.place(t, 1);
-    REQUIRE(*live.tick(Instant{} + 1s) == Instant::never());
+    picture.place(t, 1);
+    live.note_change();
+    REQUIRE(*live.tick(Instant{} + 1s, picture) == Instant::never());
     CHECK(std::filesystem::exists(path));
     std::filesystem::remove(path);
-    live.place(t, 1);
-    CHECK(*live.tick(Instant{} + 1400ms) > Instant{} + 1499ms);
+    picture.place(t, 1);
+    live.note_change();
+    CHECK(*live.tick(Instant{} + 1400ms, picture) > Instant{} + 1499ms);
     CHECK_FALSE(std::filesystem::exists(path));
-    REQUIRE(live.finish());
+    REQUIRE(live.finish(picture));
     CHECK(std::filesystem::exists(path));
     std::filesystem::remove(path);
 }
