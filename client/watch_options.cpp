@@ -15,6 +15,7 @@ constexpr const char* watch_examples = R"(Examples:
   fraja-watch '#17'                the tiles of job 17, one line each, as they finish
   fraja-watch cone -o now.png      also keep a picture current
   fraja-watch --json cone          the same as JSON lines, for scripts
+  fraja-watch cone --serve         a live page for browsers, at http://127.0.0.1:50059/
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N; '' is the newest. It may be
 joined at any time: every tile is shown exactly once. The exit code is the job's.
@@ -39,6 +40,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     WatchOptions options;
     SharedArguments shared;
     std::string until;
+    ServeOptions serve;
     CLI::App app(watch_examples, watch_name);
     app.add_option("job", options.job, "Job to follow; none: the farm")->type_name("JOB");
     app.add_option("-o,--output", options.output, "Keep this picture file current")
@@ -47,6 +49,17 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->default_str("done")
         ->type_name("WHEN");
     app.add_flag("--once", options.until.once, "Print what there is now, and leave");
+    CLI::Option* const serves = app.add_option("--serve", serve.at,
+                                               "Serve a live page for browsers, there or at " +
+                                                   std::string("127.0.0.1:50059"))
+                                    ->expected(0, 1)
+                                    ->type_name("[ADDR:PORT]");
+    app.add_flag("--allow-control", serve.allow_control,
+                 "With --serve: the page may pause, resume and cancel jobs");
+    app.add_option("--token-file", serve.token_file,
+                   "With --serve: the token that opens the page; off loopback one is made")
+        ->envname("FRAJA_TOKEN_FILE")
+        ->type_name("FILE");
     shared.add_to(app, watch_name);
     if (auto early = parse(app, std::move(arguments)))
         return *early;
@@ -62,6 +75,14 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     }
     if (!options.job && (!options.output.empty() || !until.empty()))
         return usage_error(watch_name, "--output and --until need a JOB");
+    if (serves->count() > 0) {
+        if (!options.output.empty() || !until.empty() || options.until.once || options.shared.json)
+            return usage_error(watch_name, "--serve shows all there is in a browser: it goes with "
+                                           "no --output, --until, --once or --json");
+        options.serve = std::move(serve);
+    } else if (serve.allow_control) {
+        return usage_error(watch_name, "--allow-control needs --serve");
+    }
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return usage_error(watch_name, "that is no JOB: it is too long");
     if (!options.output.empty())

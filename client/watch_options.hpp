@@ -10,11 +10,19 @@
 
 namespace fraja::client {
 
+/// --serve: the live page.
+struct ServeOptions {
+    std::string at; ///< ADDR:PORT; empty: the default
+    bool allow_control = false;
+    std::string token_file; ///< empty: a token is made where one is needed
+};
+
 struct WatchOptions {
     SharedOptions shared;
     std::optional<std::string> job; ///< none: the farm
     std::string output;             ///< empty: no picture is kept
     WatchUntil until;
+    std::optional<ServeOptions> serve; ///< instead of all that; `job` is the one to show first
 };
 
 [[nodiscard]] Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments);

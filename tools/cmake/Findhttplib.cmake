@@ -1,0 +1,10 @@
+# cpp-httplib has no CMake package in Debian 12: found through pkg-config, offered as httplib::httplib.
+find_package(PkgConfig QUIET)
+if(PkgConfig_FOUND)
+    pkg_check_modules(httplib QUIET IMPORTED_TARGET cpp-httplib)
+endif()
+include(FindPackageHandleStandardArgs)
+find_package_handle_standard_args(httplib REQUIRED_VARS httplib_LIBRARIES VERSION_VAR httplib_VERSION)
+if(httplib_FOUND AND NOT TARGET httplib::httplib)
+    add_library(httplib::httplib ALIAS PkgConfig::httplib)
+endif()
