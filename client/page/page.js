@@ -73,7 +73,7 @@ function fillJobEntry(item, entry) {
   const words = [`#${entry.number}`, percent(entry.share_done)];
   if (entry.worker_count) words.push(entry.worker_count === 1 ? '1 worker' : `${entry.worker_count} workers`);
   if (entry.rays_per_s > 0) words.push(rate(entry.rays_per_s));
-  words.push(duration(entry.elapsed_s) + (entry.remaining_s === undefined ? '' : ` < ${duration(entry.remaining_s)}`));
+  words.push(duration(entry.elapsed_s) + (entry.remaining_s === undefined ? '' : `\u00a0<\u00a0${duration(entry.remaining_s)}`));
   set(facts, words.join(' · '));
 }
 
@@ -147,13 +147,12 @@ function showJob() {
   const cropped = job.crop.w !== job.size[0] || job.crop.h !== job.size[1];
   set($('settings'), `${job.size[0]}×${job.size[1]}` +
       (cropped ? `, of it ${job.crop.w}×${job.crop.h} from ${job.crop.x},${job.crop.y}` : '') + `, ${job.settings}`);
-  $('controls').hidden = !farm?.allow_control;
-  $('pause').disabled = isOver(job.state) || job.state === 'paused';
-  $('resume').disabled = job.state !== 'paused';
-  $('cancel').disabled = isOver(job.state);
+  $('controls').hidden = !farm?.allow_control || isOver(job.state);
+  set($('pause'), job.state === 'paused' ? 'Resume' : 'Pause');
   $('save').href = `/job/${job.job}/picture.png`;
   $('save').download = `${job.name.replace(/[^\w.-]+/g, '_')}.png`;
   $('save').hidden = job.revision === 0;
+  $('stage').style.aspectRatio = `${job.crop.w} / ${job.crop.h}`;
   viewport.resize(job.crop.w, job.crop.h);
   showLegend();
   pictures.update();
@@ -351,8 +350,7 @@ async function order(deed) {
   notice(answer?.ok ? '' : answer ? (await answer.text()).trim() : 'fraja-watch is gone; nothing was done.');
 }
 
-$('pause').addEventListener('click', () => order('pause'));
-$('resume').addEventListener('click', () => order('resume'));
+$('pause').addEventListener('click', () => order(job.state === 'paused' ? 'resume' : 'pause'));
 $('cancel').addEventListener('click', () => {
   set($('ask-text'), `Cancel ${job.name} #${job.number}? What has been rendered of it stays; nothing more will be.`);
   $('ask').showModal();

@@ -85,7 +85,11 @@ struct fraja::client::Server::State {
                 const std::string text = lines->next(net::now());
                 if (!text.empty() && !sink.write(text.data(), text.size()))
                     return false;
-                return sink.is_writable() && pause();
+                if (!sink.is_writable())
+                    return false;
+                if (!pause())
+                    sink.done();
+                return true;
             },
             [this](bool) { --viewers; });
     }
