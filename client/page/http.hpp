@@ -13,9 +13,9 @@ namespace fraja::client {
 
 struct HttpRequest {
     std::string method, path;
-    std::map<std::string, std::string> query;
+    std::map<std::string, std::string> query = {};
     // The headers that say who asks; empty where there is none.
-    std::string host, origin, fetch_site, cookies;
+    std::string host = {}, origin = {}, fetch_site = {}, cookies = {};
 };
 
 /// Lines for one viewer, without end.

@@ -28,6 +28,13 @@ public:
     void widen_backlog() { ::listen(svr_sock_, backlog); }
 };
 
+/// cpp-httplib's own choice is SO_REUSEPORT: of two pages at one address each would get some of the
+/// requests.
+void own_address(socket_t socket) {
+    const int yes = 1;
+    ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+}
+
 HttpRequest request_of(const httplib::Request& from) {
     HttpRequest request{.method = from.method,
                         .path = from.path,
@@ -115,6 +122,7 @@ Server::Server(std::function<HttpAnswer(const HttpRequest&)> answer)
     server.new_task_queue = [] {
         return new httplib::ThreadPool(viewers_max + requests_at_a_time); // cpp-httplib deletes it
     };
+    server.set_socket_options(own_address);
     server.set_keep_alive_max_count(1);
     server.set_read_timeout(peer_patience);
     server.set_write_timeout(peer_patience);
