@@ -105,14 +105,14 @@ private:
     }
 
     void announce(const PageAddress& address, const std::string& token) {
+        if (!address.loopback)
+            console_.warning("the page and its token go over the network as they are: on one you "
+                             "do not trust, serve on loopback and come by ssh -L");
         char machine[256] = {};
         gethostname(machine, sizeof machine - 1);
         const bool is_secret = !options_.serve->token_file.empty();
         fmt::print("page {}\n", page_url(address, machine, is_secret ? "" : token));
         std::fflush(stdout);
-        if (!address.loopback)
-            console_.warning("the page and its token go over the network as they are: on one you "
-                             "do not trust, serve on loopback and come by ssh -L");
     }
 
     Outcome watch(JobView& view) {
