@@ -20,8 +20,8 @@ Error nothing_yet() {
 
 } // namespace
 
-JobView::JobView(JobId job, std::function<bool(std::uint64_t)> admits)
-    : job_(job), admits_(std::move(admits)) {}
+JobView::JobView(JobId job, std::uint64_t earlier, std::function<bool(std::uint64_t)> admits)
+    : job_(job), admits_(std::move(admits)), revision_(earlier) {}
 
 void JobView::hear(Instant, const News& news) {
     if (const auto* accepted = std::get_if<Accepted>(&news)) {
@@ -147,27 +147,20 @@ Result<JobView::LayerPicture> JobView::layer(Layer layer, std::uint64_t revision
     std::shared_ptr<Snapshot> snapshot;
     {
         const std::scoped_lock lock(mutex_);
+        if (!snapshot_)
+            return nothing_yet();
         snapshot = snapshot_;
+        if (layer == Layer::pixels && !snapshot->pixels)
+            snapshot->pixels.emplace(cut_out(picture_->film(), picture_->film().region()), "png");
     }
-    if (!snapshot)
-        return nothing_yet();
-    auto bytes = layer == Layer::picture ? snapshot->picture.bytes()
-                 : layer == Layer::costs ? snapshot->costs.bytes()
-                                         : snapshot->workers.bytes();
+    EncodedOnce& picture = layer == Layer::overview  ? snapshot->overview
+                           : layer == Layer::costs   ? snapshot->costs
+                           : layer == Layer::workers ? snapshot->workers
+                                                     : *snapshot->pixels;
+    auto bytes = picture.bytes();
     if (!bytes)
         return bytes.error();
     return LayerPicture{*std::move(bytes), snapshot->revision == revision};
-}
-
-Result<HttpBody> JobView::whole() {
-    LevelsPicture levels;
-    {
-        const std::scoped_lock lock(mutex_);
-        if (!snapshot_)
-            return nothing_yet();
-        levels = cut_out(picture_->film(), picture_->film().region());
-    }
-    return encode_levels(levels, "png");
 }
 
 Result<HttpBody> JobView::part(const PixelRect& part) {

@@ -19,13 +19,14 @@
 
 namespace fraja::client {
 
-/// What can be seen of a job.
-enum class Layer : std::uint8_t { picture, costs, workers };
+/// What can be seen of a job: an overview, two maps, and all pixels exactly.
+enum class Layer : std::uint8_t { overview, costs, workers, pixels };
 
 class JobView final : public Listener {
 public:
-    /// `admits` is asked before a picture of so many pixels is kept.
-    JobView(JobId job, std::function<bool(std::uint64_t)> admits);
+    /// `admits` is asked before a picture of so many pixels is kept. Revisions count from beyond
+    /// `earlier`: browsers keep what an earlier view of the job has given them.
+    JobView(JobId job, std::uint64_t earlier, std::function<bool(std::uint64_t)> admits);
 
     // The conversation's thread. A job that is watched again begins anew with Accepted.
     void hear(Instant now, const News& news) override;
@@ -41,13 +42,12 @@ public:
     [[nodiscard]] Shown shown();
     struct LayerPicture {
         HttpBody bytes;
-        bool is_asked_for; ///< and no newer one
+        bool is_asked_for; ///< of the revision that was asked for
     };
-    /// As of that revision, or the newest. Errors: not_found, io.
+    /// As of that revision or later. Errors: not_found, io.
     [[nodiscard]] Result<LayerPicture> layer(Layer layer, std::uint64_t revision);
-    /// All pixels so far, exactly, as a .png; or a part as .jpg. Errors: not_found, io, and
-    /// invalid_argument for a part that is none, or has a side beyond overview_side_max.
-    [[nodiscard]] Result<HttpBody> whole();
+    /// The pixels of a part, as a .jpg. Errors: not_found, io, and invalid_argument for a part that
+    /// is none, or has a side beyond overview_side_max.
     [[nodiscard]] Result<HttpBody> part(const PixelRect& part);
 
     void leave() { leaving_ = true; }
@@ -62,7 +62,8 @@ public:
 private:
     struct Snapshot {
         std::uint64_t revision = 0;
-        EncodedOnce picture, costs, workers;
+        EncodedOnce overview, costs, workers;
+        std::optional<EncodedOnce> pixels = {}; ///< where somebody has asked for them
     };
     void take(const Accepted& news);
     void take(const TileArrived& news);
@@ -88,7 +89,7 @@ private:
     HeatMap::Costs scale_; ///< the snapshot's
     std::optional<Outcome> ended_;
     bool connected_ = false, changed_ = false;
-    std::uint64_t revision_ = 0;
+    std::uint64_t revision_;
     std::shared_ptr<Snapshot> snapshot_;
     Instant snapshot_due_{};
 };

@@ -3,6 +3,7 @@
 #include "common/base/guarded.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 namespace fraja::client {
@@ -12,6 +13,13 @@ namespace {
 bool is_whole(const Outcome& outcome) {
     return outcome.code == ExitCode::done || outcome.code == ExitCode::job_failed ||
            outcome.code == ExitCode::cancelled;
+}
+
+/// Of the wall clock: so many revisions no earlier view has had, nor one of an earlier process.
+std::uint64_t microseconds_now() {
+    const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
+    return static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::microseconds>(since_1970).count());
 }
 
 } // namespace
@@ -40,7 +48,7 @@ Result<std::shared_ptr<Viewer>> JobViews::look_at(const JobId& job) {
                          " jobs at a time, and all are being looked at: close one, or wait."};
     auto entry = std::make_unique<Entry>();
     entry->view = std::make_shared<JobView>(
-        job, [this, job](std::uint64_t pixels) { return admits(job, pixels); });
+        job, microseconds_now(), [this, job](std::uint64_t pixels) { return admits(job, pixels); });
     auto viewer = std::make_shared<Viewer>(entry->view);
     start(*entry);
     entries_.push_back(std::move(entry));

@@ -122,7 +122,7 @@ function select(id, byHand) {
   selected = id;
   job = null;
   if (byHand) history.replaceState(null, '', `#job=${id}`);
-  for (const image of [$('picture'), $('map'), $('part')]) image.hidden = true;
+  for (const slot of [pictures.picture, pictures.map, pictures.part]) slot.clear();
   $('stage-empty').hidden = false;
   if (farm) fillList($('jobs'), farm.jobs, makeJobEntry, fillJobEntry);
   connect();
@@ -212,8 +212,9 @@ class Slot {
       next.src = url;
       try {
         await next.decode();
-      } catch {
-        break; // what is wrong shows in the stream; the next revision is tried again
+      } catch { // what is wrong shows in the stream
+        await new Promise(done => setTimeout(done, retryPauses[1]));
+        continue;
       }
       if (this.wanted?.url.split('?')[0] !== url.split('?')[0]) continue; // another job, by now
       this.image.src = next.src;
@@ -305,16 +306,16 @@ async function connect() {
 class Refused extends Error {}
 
 async function read(mine) {
-  const give_up = new AbortController(); // a line that went dead says nothing
-  mine.signal.addEventListener('abort', () => give_up.abort());
+  const giveUp = new AbortController(); // a line that went dead says nothing
+  mine.signal.addEventListener('abort', () => giveUp.abort());
   let timer = 0;
   const heard = () => {
     clearTimeout(timer);
-    timer = setTimeout(() => give_up.abort(), silenceMax);
+    timer = setTimeout(() => giveUp.abort(), silenceMax);
   };
   heard();
   try {
-    const answer = await fetch(selected ? `/events?job=${selected}` : '/events', { signal: give_up.signal, cache: 'no-store' });
+    const answer = await fetch(selected ? `/events?job=${selected}` : '/events', { signal: giveUp.signal, cache: 'no-store' });
     if (!answer.ok) throw new Refused((await answer.text()).trim());
     const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
     for (let rest = '';;) {
@@ -329,6 +330,7 @@ async function read(mine) {
     }
   } finally {
     clearTimeout(timer);
+    giveUp.abort();
   }
 }
 

@@ -42,6 +42,18 @@ std::optional<protocol::JobDeed> deed_named(std::string_view name) {
     return std::nullopt;
 }
 
+std::optional<Layer> layer_named(std::string_view file) {
+    if (file == "picture.jpg")
+        return Layer::overview;
+    if (file == "cost.png")
+        return Layer::costs;
+    if (file == "workers.png")
+        return Layer::workers;
+    if (file == "picture.png")
+        return Layer::pixels;
+    return std::nullopt;
+}
+
 /// As clients' exit codes would be said in HTTP.
 int status_of(ExitCode code) {
     switch (code) {
@@ -113,24 +125,20 @@ HttpAnswer Routes::picture(const HttpRequest& request, const JobId& job,
     if (!view)
         return http_refusal(404, "Nobody looks at this job: ask for /events?job=" +
                                      fraja::to_string(job) + " meanwhile.");
-    const bool exact = what == "picture.png";
-    if (exact || what == "part.jpg") {
+    if (what == "part.jpg") {
         const auto rect = parse_rect(parameter(request, "rect")).value_or(PixelRect{});
-        const auto bytes = exact ? view->whole() : view->part(rect);
+        const auto bytes = view->part(rect);
         if (!bytes)
             return refusal(bytes.error());
-        return {.type = exact ? "image/png" : "image/jpeg", .body = *bytes};
+        return {.type = "image/jpeg", .body = *bytes};
     }
-    const bool is_picture = what == "picture.jpg", is_cost = what == "cost.png";
-    if (!is_picture && !is_cost && what != "workers.png")
+    const auto wanted = layer_named(what);
+    if (!wanted)
         return not_found();
-    const auto layer = view->layer(is_picture ? Layer::picture
-                                   : is_cost  ? Layer::costs
-                                              : Layer::workers,
-                                   parse_count(parameter(request, "rev")).value_or(0));
+    const auto layer = view->layer(*wanted, parse_count(parameter(request, "rev")).value_or(0));
     if (!layer)
         return refusal(layer.error());
-    return {.type = is_picture ? "image/jpeg" : "image/png",
+    return {.type = what.ends_with(".jpg") ? "image/jpeg" : "image/png",
             .body = layer->bytes,
             .caching = layer->is_asked_for ? "private, max-age=86400, immutable" : "no-store"};
 }

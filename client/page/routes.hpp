@@ -23,10 +23,11 @@ using Control = std::function<Outcome(const JobId&, protocol::JobDeed)>;
 
 ///     GET  /  /page.css  /page.js ...       the page's files (assets.hpp)
 ///     GET  /events[?job=ID]                 lines of JSON, without end
-///     GET  /job/ID/picture.jpg?rev=N        a layer at revision N, or the newest;
-///          /job/ID/cost.png, workers.png    one pixel for each cell
-///     GET  /job/ID/picture.png              all pixels so far, exactly
-///     GET  /job/ID/part.jpg?rect=X,Y,W,H    a part of them
+///     GET  /job/ID/picture.jpg?rev=N        an overview at revision N, or the newest;
+///          /job/ID/picture.png?rev=N        all pixels, exactly;
+///          /job/ID/cost.png?rev=N           one pixel for each cell,
+///          /job/ID/workers.png?rev=N        likewise
+///     GET  /job/ID/part.jpg?rect=X,Y,W,H    the pixels of a part
 ///     POST /job/ID/pause, resume, cancel    where control is allowed
 class Routes {
 public:

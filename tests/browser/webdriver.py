@@ -8,10 +8,11 @@ ARGUMENTS = ['--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '-
 
 class Browser:
     """With an empty profile of its own; `with` ends it and what belongs to it."""
-    def __init__(self):
+    def __init__(self, start=()):
+        """`start`: words before the driver's own command line."""
         self.profile = tempfile.mkdtemp()
         # HOME: what Chromium leaves beside its profile. A group of its own: Chromium is many processes.
-        self.driver = subprocess.Popen([CHROMEDRIVER, '--port=0'], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        self.driver = subprocess.Popen([*start, CHROMEDRIVER, '--port=0'], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
                                        start_new_session=True, env={**os.environ, 'HOME': self.profile})
         port = next(int(line.rstrip('.\n').rpartition(' ')[2]) for line in self.driver.stdout if 'successfully on port' in line)
         self.connection = http.client.HTTPConnection('127.0.0.1', port, timeout=120)

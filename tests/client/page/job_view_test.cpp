@@ -19,9 +19,9 @@ Json told(JobView& view) {
 } // namespace
 
 TEST_CASE("a job's picture has a new revision when tiles have come, a few times a second") {
-    JobView view(small_job().job, admit_all);
+    JobView view(small_job().job, 0, admit_all);
     view.viewers = 1;
-    CHECK_FALSE(view.layer(Layer::picture, 1));
+    CHECK_FALSE(view.layer(Layer::overview, 1));
     view.hear(Instant{}, Accepted{small_job()});
     CHECK(told(view).at("revision") == 0);
     const auto before = view.shown();
@@ -40,7 +40,7 @@ TEST_CASE("a job's picture has a new revision when tiles have come, a few times 
     (void)view.tick(now + 2s); // nothing is new
     CHECK(told(view).at("revision") == 2);
 
-    for (const Layer layer : {Layer::picture, Layer::costs, Layer::workers}) {
+    for (const Layer layer : {Layer::overview, Layer::costs, Layer::workers, Layer::pixels}) {
         const auto old = view.layer(layer, 1), newest = view.layer(layer, 2);
         REQUIRE(old);
         REQUIRE(newest);
@@ -51,7 +51,7 @@ TEST_CASE("a job's picture has a new revision when tiles have come, a few times 
 }
 
 TEST_CASE("no picture is made while nobody looks, and the last one in any case") {
-    JobView view(small_job().job, admit_all);
+    JobView view(small_job().job, 0, admit_all);
     view.hear(Instant{}, Accepted{small_job()});
     view.hear(Instant{}, TileArrived{small_tile(0, 0.5f), 4});
     (void)view.tick(Instant{} + 1s);
@@ -62,14 +62,11 @@ TEST_CASE("no picture is made while nobody looks, and the last one in any case")
 }
 
 TEST_CASE("a part is given as it is, where it lies in the picture and is not too large") {
-    JobView view(small_job().job, admit_all);
-    CHECK_FALSE(view.whole());
+    JobView view(small_job().job, 0, admit_all);
     CHECK_FALSE(view.part({0, 0, 1, 1}));
     view.hear(Instant{}, Accepted{small_job()});
     view.hear(Instant{}, TileArrived{small_tile(0, 0.5f), 4});
     view.end({});
-    REQUIRE(view.whole());
-    CHECK((*view.whole())->substr(1, 3) == "PNG");
     CHECK(view.part({0, 0, 4, 1}));
     for (const PixelRect& bad :
          {PixelRect{0, 0, 0, 1}, PixelRect{1, 0, 4, 1}, PixelRect{0, 1, 1, 1},
@@ -81,7 +78,7 @@ TEST_CASE("a part is given as it is, where it lies in the picture and is not too
 }
 
 TEST_CASE("a picture that has no place is not kept, and the viewer is told") {
-    JobView view(small_job().job, [](std::uint64_t pixels) { return pixels > 4; });
+    JobView view(small_job().job, 0, [](std::uint64_t pixels) { return pixels > 4; });
     view.hear(Instant{}, Accepted{small_job()});
     const auto leaves = view.wants_to_leave();
     REQUIRE(leaves);
@@ -95,7 +92,7 @@ TEST_CASE("a picture that has no place is not kept, and the viewer is told") {
 }
 
 TEST_CASE("a job that is watched again begins anew") {
-    JobView view(small_job().job, admit_all);
+    JobView view(small_job().job, 0, admit_all);
     view.hear(Instant{}, Accepted{small_job()});
     view.hear(Instant{}, TileArrived{small_tile(0, 0.5f), 4});
     view.end({ExitCode::cancelled, "cancelled"});

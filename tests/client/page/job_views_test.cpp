@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <doctest/doctest.h>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 using namespace fraja;
@@ -72,6 +73,23 @@ TEST_CASE("a job is dropped some time after the last one has looked") {
     CHECK(views.find(nth(1)) == nullptr);
     await_end(*view);
     views.tidy(begin + 3h);
+}
+
+TEST_CASE("what browsers keep of an earlier view is never a later one's") {
+    const auto revision_of_a_view = [] {
+        JobViews views({}, [](JobView& view) {
+            view.hear(Instant{}, Accepted{small_job()});
+            view.hear(Instant{}, TileArrived{small_tile(0, 0.5f), 4});
+            return Outcome{};
+        });
+        const auto viewer = views.look_at(small_job().job);
+        await_end((*viewer)->view());
+        const auto line = nlohmann::json::parse(*(*viewer)->view().shown().text);
+        return line.at("job").at("revision").get<std::uint64_t>();
+    };
+    const std::uint64_t first = revision_of_a_view(), second = revision_of_a_view();
+    CHECK(first < second);
+    CHECK(second < std::uint64_t{1} << 53); // numbers of a script are exact up to there
 }
 
 TEST_CASE("so many jobs can be looked at and no more, but those that nobody looks at make room") {
