@@ -5,6 +5,7 @@
 #include "client/page/routes.hpp"
 #include "client/page/server.hpp"
 #include "client/page/token.hpp"
+#include "common/image_io/picture_codec.hpp"
 
 #include <chrono>
 #include <cstdio>
@@ -65,6 +66,8 @@ private:
         const auto address = parse_page_address(options_.serve->at);
         if (!address)
             return {ExitCode::usage, address.error().message};
+        if (const auto codec = picture_codec(); !codec)
+            return {ExitCode::usage, codec.error().message};
         const auto token = choose_token(*address);
         if (!token)
             return {ExitCode::usage, token.error().message};

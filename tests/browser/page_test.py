@@ -126,8 +126,8 @@ class PageTest(unittest.TestCase):
         self.browser.do('window.loaded_once = true')
         self.farm.start_worker(1)
         self.browser.wait('return document.querySelector("#progress").value > 0')
-        self.farm.processes[0].kill()
-        self.farm.processes[0].wait()
+        with self.farm.processes[0] as broker: # and waits for its end
+            broker.kill()
         self.browser.wait('return document.querySelector("#connection").textContent.includes("lost")')
         self.farm.processes[0] = self.farm.start_broker(self.farm.broker, self.farm.stream)
         self.browser.wait('return document.querySelector("#connection").textContent === "connected"')

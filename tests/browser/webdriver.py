@@ -81,6 +81,7 @@ class Browser:
         try:
             self.ask('DELETE', '')
         finally:
+            self.connection.close()
             self.driver.terminate()
             self.driver.wait()
             self.driver.stdout.close()

@@ -84,8 +84,8 @@ TEST_CASE("the page serves the picture that a local render draws") {
     const auto got = served.client().Get("/job/" + job + "/picture.png");
     REQUIRE(got);
     CHECK((got->body == want));
-    const auto kept = served.client().Get(
-        "/job/" + job + "/picture.jpg?rev=" + std::to_string(done.at("revision").get<int>()));
+    const auto kept = served.client().Get("/job/" + job + "/picture.jpg?rev=" +
+                                          std::to_string(done.at("revision").get<std::uint64_t>()));
     CHECK(kept->get_header_value("Cache-Control").find("immutable") != std::string::npos);
 }
 
