@@ -20,6 +20,11 @@ Error nothing_yet() {
 
 } // namespace
 
+bool has_brought_all(const Outcome& outcome) {
+    return outcome.code == ExitCode::done || outcome.code == ExitCode::job_failed ||
+           outcome.code == ExitCode::cancelled;
+}
+
 JobView::JobView(JobId job, std::uint64_t earlier, std::function<bool(std::uint64_t)> admits)
     : job_(job), admits_(std::move(admits)), revision_(earlier) {}
 
@@ -130,9 +135,8 @@ std::string JobView::described() const {
                  .progress = meter_.view(),
                  .connected = connected_,
                  .costs = scale_};
-    // A job that failed or was cancelled says so itself.
-    if (ended_ && ended_->code != ExitCode::done && ended_->code != ExitCode::job_failed &&
-        ended_->code != ExitCode::cancelled)
+    page.complete = ended_ && has_brought_all(*ended_);
+    if (ended_ && !page.complete)
         page.trouble = ended_->reason;
     if (snapshot_)
         page.revision = snapshot_->revision;

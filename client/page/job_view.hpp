@@ -22,6 +22,10 @@ namespace fraja::client {
 /// What can be seen of a job: an overview, two maps, and all pixels exactly.
 enum class Layer : std::uint8_t { overview, costs, workers, pixels };
 
+/// Whether a conversation that ended so has brought all there is of its job, as long as that is
+/// over.
+[[nodiscard]] bool has_brought_all(const Outcome& outcome);
+
 class JobView final : public Listener {
 public:
     /// `admits` is asked before a picture of so many pixels is kept. Revisions count from beyond

@@ -9,12 +9,6 @@
 namespace fraja::client {
 namespace {
 
-/// Whether a view that ended so shows all there is of its job, as long as that is over.
-bool is_whole(const Outcome& outcome) {
-    return outcome.code == ExitCode::done || outcome.code == ExitCode::job_failed ||
-           outcome.code == ExitCode::cancelled;
-}
-
 /// Of the wall clock: so many revisions no earlier view has had, nor one of an earlier process.
 std::uint64_t microseconds_now() {
     const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
@@ -117,7 +111,7 @@ void JobViews::farm_changed(const protocol::FarmState& farm) {
         if (!ended || view.is_leaving() || view.viewers == 0)
             continue;
         const auto job = std::ranges::find(farm.jobs, view.job(), &protocol::JobState::job);
-        if (job == farm.jobs.end() || (is_over(job->phase) && is_whole(*ended)))
+        if (job == farm.jobs.end() || (is_over(job->phase) && has_brought_all(*ended)))
             continue;
         entry->thread.join(); // it has ended
         view.begin_again();

@@ -239,7 +239,7 @@ const pictures = {
   update() {
     if (!job?.revision) return;
     // In the end exactly: .jpg is for what is on the move.
-    const exact = isOver(job.state) && job.scale === 1;
+    const exact = job.complete && job.scale === 1;
     this.picture.show(`/job/${job.job}/picture.${exact ? 'png' : 'jpg'}?rev=${job.revision}`);
     $('map').hidden = layer === 'picture' || this.map.shown === null;
     if (layer === 'picture' || !job.map)

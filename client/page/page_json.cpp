@@ -120,7 +120,9 @@ std::string farm_line(const FarmPage& page) {
 }
 
 std::string job_line(const JobPage& page) {
-    Json json = {{"job", fraja::to_string(page.job)}, {"connected", page.connected}};
+    Json json = {{"job", fraja::to_string(page.job)},
+                 {"connected", page.connected},
+                 {"complete", page.complete}};
     if (!page.trouble.empty())
         json["trouble"] = page.trouble;
     if (page.state) {

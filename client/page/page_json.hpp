@@ -34,6 +34,7 @@ struct JobPage {
     std::optional<protocol::JobState> state;
     ProgressView progress;
     bool connected = false;
+    bool complete = false;      ///< the job is over, and all there is of it is here
     std::uint64_t revision = 0; ///< of its pictures; 0: there is none yet
     std::uint32_t scale = 1;    ///< overview_scale()
     const HeatMap* map = nullptr;

@@ -49,7 +49,8 @@ template <class Enough>
 json look(const Served& served, const std::string& job, Enough enough) {
     std::string rest;
     json found;
-    (void)served.client().Get("/events?job=" + job, [&](const char* data, std::size_t size) {
+    const auto result = served.client().Get("/events?job=" + job, [&](const char* data,
+                                                                      std::size_t size) {
         rest.append(data, size);
         for (std::size_t end; (end = rest.find('\n')) != std::string::npos && found.is_null();) {
             const json line = json::parse(rest.substr(0, end));
@@ -59,12 +60,13 @@ json look(const Served& served, const std::string& job, Enough enough) {
         }
         return found.is_null();
     });
+    INFO(rest << ", " << to_string(result.error()));
     REQUIRE_FALSE(found.is_null());
     return found;
 }
 
 bool is_done(const json& job) {
-    return job.value("state", "") == "done" && job.at("revision") > 0;
+    return job.at("complete") && job.at("state") == "done";
 }
 
 } // namespace

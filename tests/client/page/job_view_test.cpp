@@ -56,8 +56,10 @@ TEST_CASE("no picture is made while nobody looks, and the last one in any case")
     view.hear(Instant{}, TileArrived{small_tile(0, 0.5f), 4});
     (void)view.tick(Instant{} + 1s);
     CHECK(told(view).at("revision") == 0);
+    CHECK_FALSE(told(view).at("complete"));
     view.end({});
     CHECK(told(view).at("revision") == 1);
+    CHECK(told(view).at("complete"));
     CHECK_FALSE(told(view).contains("trouble"));
 }
 

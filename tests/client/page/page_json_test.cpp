@@ -63,7 +63,7 @@ TEST_CASE("jobs that go on are listed before the newest of the others, and so ma
 TEST_CASE("a line about a job tells of its pictures when there are any") {
     JobPage page{.job = JobId{{7}}, .trouble = {}, .state = {}, .progress = {}, .costs = {}};
     CHECK(Json::parse(job_line(page)).at("job") ==
-          Json{{"job", to_string(page.job)}, {"connected", false}});
+          Json{{"job", to_string(page.job)}, {"connected", false}, {"complete", false}});
     page.trouble = "there is no such job";
     CHECK(Json::parse(job_line(page)).at("job").at("trouble") == page.trouble);
 
