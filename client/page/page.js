@@ -1,5 +1,6 @@
 // The live page. What comes from the farm (names, reasons) is set as text, never as HTML.
 import { Viewport } from './viewport.js';
+import { cost, count, duration, isOver, percent, phrase, rate } from './words.js';
 
 const $ = id => document.getElementById(id);
 const silenceMax = 12000;     // ms: the page says something every three seconds
@@ -9,26 +10,7 @@ let farm = null, job = null;  // the newest of each
 let selected = null;          // a job's id
 let layer = 'picture';
 
-// ------------------------------------------------------------------------------------- words
-
-function duration(s) {
-  const whole = Math.max(0, Math.floor(s)), two = n => String(n).padStart(2, '0');
-  const h = Math.floor(whole / 3600), m = Math.floor(whole / 60) % 60;
-  return h ? `${h}:${two(m)}:${two(whole % 60)}` : `${m}:${two(whole % 60)}`;
-}
-
-function scaled(value, unit, prefixes) {
-  let power = 0;
-  while (value >= 999.5 && power + 1 < prefixes.length) { value /= 1000; ++power; }
-  const digits = power === 0 || value >= 99.95 ? 0 : value >= 9.995 ? 1 : 2;
-  return `${value.toFixed(digits)}\u202f${prefixes[power]}${unit}`;
-}
-const count = n => n < 1000 ? String(n) : scaled(n, '', ['', 'k', 'M', 'G', 'T']).replace('\u202f', '');
-const rate = raysPerS => raysPerS > 0 ? scaled(raysPerS, 'ray/s', ['', 'k', 'M', 'G', 'T']) : '–';
-const cost = s => scaled(s * 1e9, 's', ['n', 'µ', 'm', '']) + ' a pixel';
-const percent = share => `${Math.floor(100 * share + 1e-9)}%`; // 100 is the end
-const phrase = state => state.replaceAll('_', ' ');
-const isOver = state => ['done', 'failed', 'cancelled'].includes(state);
+// ------------------------------------------------------------------------------ the document
 
 function set(element, text) { if (element.textContent !== text) element.textContent = text; }
 function setState(element, state) {
