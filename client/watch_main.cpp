@@ -1,4 +1,5 @@
 // fraja-watch: shows a job's tiles as they finish, or the farm.
+#include "client/page/page.hpp"
 #include "client/watch.hpp"
 #include "common/base/freed_memory.hpp"
 
@@ -13,7 +14,9 @@ int main(int argc, char** argv) try {
     const auto parsed = client::parse_watch_options(cli::arguments_of(argc, argv));
     if (const auto* early = std::get_if<cli::EarlyExit>(&parsed))
         return cli::leave(*early);
-    return client::run_watch(std::get<client::WatchOptions>(parsed), &signals);
+    const auto& options = std::get<client::WatchOptions>(parsed);
+    return options.serve ? client::run_page(options, &signals)
+                         : client::run_watch(options, &signals);
 } catch (const std::exception& e) {
     std::fprintf(stderr, "fraja-watch: %s\n", e.what());
     return 1;

@@ -17,6 +17,7 @@ constexpr const char* watch_examples = R"(Examples:
   fraja-watch cone -o now.png      also keep a picture current
   fraja-watch cone --tev           also show it in tev, which runs here
   fraja-watch --json cone          the same as JSON lines, for scripts
+  fraja-watch cone --serve         a live page for browsers, at http://127.0.0.1:50060/
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N; '' is the newest. It may be
 joined at any time: every tile is shown exactly once, or on a terminal the picture as it grows
@@ -56,6 +57,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     EncodingArguments encoding;
     std::string until;
     PreviewArgument preview;
+    ServeOptions serve;
     CLI::App app(watch_examples, watch_name);
     app.add_option("job", options.job, "Job to follow; none: the farm")->type_name("JOB");
     app.add_option("-o,--output", options.output, "Keep this picture file current")
@@ -68,6 +70,17 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     preview.add_to(app, "auto", false);
     app.add_option("--tev", options.tev, "Show the picture in tev, here or at HOST:PORT")
         ->type_name("[HOST:PORT]");
+    CLI::Option* const serves = app.add_option("--serve", serve.at,
+                                               "Serve a live page for browsers, there or at " +
+                                                   std::string("127.0.0.1:50060"))
+                                    ->expected(0, 1)
+                                    ->type_name("[ADDR:PORT]");
+    app.add_flag("--allow-control", serve.allow_control,
+                 "With --serve: the page may pause, resume and cancel jobs");
+    app.add_option("--token-file", serve.token_file,
+                   "With --serve: the token that opens the page; off loopback one is made")
+        ->envname("FRAJA_TOKEN_FILE")
+        ->type_name("FILE");
     shared.add_to(app, watch_name);
     complete_tev(arguments);
     if (auto early = cli::parse(app, std::move(arguments)))
@@ -89,6 +102,15 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     if (!options.job && options.preview != PreviewMode::automatic &&
         options.preview != PreviewMode::none)
         return cli::usage_error(watch_name, "--preview needs a JOB");
+    if (serves->count() > 0) {
+        if (!options.output.empty() || !until.empty() || options.until.once || options.shared.json)
+            return cli::usage_error(watch_name,
+                                    "--serve shows all there is in a browser: it goes with "
+                                    "no --output, --until, --once or --json");
+        options.serve = std::move(serve);
+    } else if (serve.allow_control) {
+        return cli::usage_error(watch_name, "--allow-control needs --serve");
+    }
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return cli::usage_error(watch_name, "that is no JOB: it is too long");
     const auto how = encoding.read(options.output);

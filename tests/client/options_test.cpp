@@ -323,6 +323,34 @@ TEST_CASE("fraja-submit shows no preview unless it is asked to, and then the bes
     }
 }
 
+TEST_CASE("fraja-watch serves a page where that is asked for") {
+    using Words = std::vector<std::string>;
+    CHECK_FALSE(std::get<WatchOptions>(parse_watch_options({"cone"})).serve);
+    struct Row {
+        Words words;
+        std::string at;
+        std::optional<std::string> job;
+    };
+    for (const Row& row :
+         {Row{{"--serve"}, "", std::nullopt},
+          Row{{"--serve", "127.0.0.1:80"}, "127.0.0.1:80", std::nullopt},
+          Row{{"cone", "--serve"}, "", "cone"}, Row{{"cone", "--serve", "*:80"}, "*:80", "cone"},
+          Row{{"--serve", "--allow-control"}, "", std::nullopt},
+          Row{{"--serve", "-b", "host"}, "", std::nullopt}}) {
+        const auto options = std::get<WatchOptions>(parse_watch_options(row.words));
+        REQUIRE(options.serve);
+        CHECK(options.serve->at == row.at);
+        CHECK(options.job == row.job);
+        CHECK(options.serve->allow_control == (row.words.back() == "--allow-control"));
+    }
+    CHECK(std::get<WatchOptions>(parse_watch_options({"--serve", "--token-file", "f"}))
+              .serve->token_file == "f");
+    for (const Words& bad :
+         {Words{"--allow-control"}, Words{"--serve", "--json"}, Words{"--serve", "--once"},
+          Words{"j", "-o", "a.png", "--serve"}, Words{"j", "--until", "first", "--serve"}})
+        CHECK(std::get<EarlyExit>(parse_watch_options(bad)).code == 2);
+}
+
 TEST_CASE("parse_until takes done, first and a share, and nothing else") {
     struct Row {
         std::string_view text;

@@ -98,6 +98,8 @@ class Farm:
                 process.terminate()
             for process in processes:
                 process.wait()
+                if process.stdout:
+                    process.stdout.close()
         self.log.close()
         self.reader.close()
 
