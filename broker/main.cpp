@@ -7,6 +7,7 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/cli/parse.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "worker/options.hpp"
@@ -27,6 +28,7 @@ namespace {
 
 using namespace fraja;
 
+constexpr const char* program = "fraja-broker";
 constexpr const char* examples = R"(Examples:
   fraja-broker                                   a broker for this machine
   fraja-broker --bind tcp://127.0.0.1:0          on a port the system chooses; it is printed
@@ -56,8 +58,7 @@ std::string default_state() {
 }
 
 int usage_error(const std::string& message) {
-    fmt::print(stderr, "fraja-broker: {}\n", message);
-    return 2;
+    return cli::leave(cli::usage_error(program, message));
 }
 
 /// Of so many failures within a time: `3/10m`.
@@ -121,10 +122,10 @@ int check_state(const std::string& state) {
     auto reader = store ? broker::StoreReader::open(*store) : store.error();
     const auto restored = reader ? broker::restore(*store, *reader) : reader.error();
     if (!restored)
-        return usage_error(restored.error().message);
+        return cli::leave(cli::failure(program, restored.error().message));
     const broker::Contents& contents = restored->contents;
     if (const auto sound = broker::check_bytes(contents, *reader); !sound)
-        return usage_error(sound.error().message);
+        return cli::leave(cli::failure(program, sound.error().message));
     std::size_t tiles = 0, over = 0;
     for (const broker::StoredJob& job : contents.jobs) {
         tiles += job.tiles.size();
@@ -149,53 +150,64 @@ spdlog::level::level_enum to_spdlog(broker::LogLevel level) {
     return spdlog::level::info;
 }
 
-void add_options(CLI::App& app, Arguments& arguments) {
+void describe(CLI::App& app, Arguments& arguments) {
     broker::Options& options = arguments.options;
-    app.set_version_flag("--version", version_line("fraja-broker"));
+    app.set_version_flag("--version", version_line(program));
     app.add_option("--bind", options.bind,
                    "Where workers and clients connect; port 0: the system chooses")
         ->envname("FRAJA_BIND")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("ENDPOINT");
     app.add_option("--publish", options.publish, "Where the stream of tiles is published")
         ->envname("FRAJA_PUBLISH")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("ENDPOINT");
     app.add_option(
            "--state", arguments.state,
            "Directory where jobs, scenes and finished tiles are kept, so that a broker that is "
            "started again goes on with them; none: in memory alone")
-        ->default_str("$XDG_STATE_HOME/fraja");
+        ->default_str("$XDG_STATE_HOME/fraja")
+        ->type_name("DIR");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("T");
     app.add_option("--liveness", options.limits.liveness, "Beats that a worker or client may miss")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000));
+        ->check(CLI::Range(1, 1000))
+        ->type_name("N");
     app.add_option("--lease", arguments.lease,
                    "A tile that traces no ray for so long is given to another worker")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("T");
     app.add_option(
            "--max-attempts", options.limits.attempts_max,
            "Failures of one tile, on different workers where there are, before its job fails")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000));
+        ->check(CLI::Range(1, 1000))
+        ->type_name("N");
     app.add_option("--quarantine", arguments.quarantine,
                    "A worker that failed so many tiles within the time gets none for as long")
         ->capture_default_str()
         ->type_name("N/TIME");
     app.add_option("--upstream", options.upstream.broker,
                    "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
-                   "sends is split among the workers here");
+                   "sends is split among the workers here")
+        ->type_name("ENDPOINT");
     app.add_option("--upstream-tag", options.upstream.tags,
                    "K or K=V, which it is told; repeatable")
         ->allow_extra_args(false)
-        ->needs("--upstream");
+        ->needs("--upstream")
+        ->type_name("K[=V]");
     app.add_option("--keep", arguments.keep, "How long jobs that are over are kept")
-        ->capture_default_str();
-    app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
-    app.add_option("--log-level", arguments.log_level, "debug, info, warning or error")
         ->capture_default_str()
-        ->check(CLI::IsMember({"debug", "info", "warning", "error"}));
+        ->type_name("T");
+    app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
+    app.add_option("--log-level", arguments.log_level, "How much is said on stderr")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"debug", "info", "warning", "error"}))
+        ->type_name("LEVEL");
 }
 
 } // namespace
@@ -204,13 +216,10 @@ int main(int argc, char** argv) {
     keep_all_freed_memory(); // the next picture needs as much
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     Arguments arguments;
-    CLI::App app(examples);
-    add_options(app, arguments);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e) == 0 ? 0 : 2;
-    }
+    CLI::App app(examples, program);
+    describe(app, arguments);
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+        return cli::leave(*early);
 
     broker::Options& options = arguments.options;
     const auto heartbeat = parse_duration(arguments.heartbeat),
@@ -237,7 +246,7 @@ int main(int argc, char** argv) {
     if (arguments.state != "none")
         options.state = arguments.state;
 
-    const auto logger = spdlog::stderr_color_mt("fraja-broker");
+    const auto logger = spdlog::stderr_color_mt(program);
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));
     options.signals = &signals;
@@ -258,6 +267,6 @@ int main(int argc, char** argv) {
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
     if (!ran)
-        return usage_error(ran.error().message);
+        return cli::leave(cli::failure(program, ran.error().message));
     return 0;
 }

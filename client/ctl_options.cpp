@@ -53,7 +53,10 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     for (const auto& [deed, sub] : deeds) {
         takes_job(sub);
         if (deed == set_priority)
-            sub->add_option("priority", priority, "Higher goes first")->required()->type_name("N");
+            sub->add_option("priority", priority, "Higher goes first")
+                ->required()
+                ->check(CLI::Range(INT32_MIN, INT32_MAX))
+                ->type_name("N");
         if (deed == cancel)
             sub->add_flag("--yes", yes, "Do not ask");
     }
@@ -69,21 +72,21 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     CLI::App* get = command("get", "Write the picture as far as it is");
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
-    if (auto early = parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
 
     CtlOptions options;
     auto read = shared.read();
     if (!read)
-        return usage_error(ctl_name, read.error().message);
+        return cli::usage_error(ctl_name, read.error().message);
     options.shared = *std::move(read);
     if (job.size() > protocol::string_bytes_max)
-        return usage_error(ctl_name, "that is no JOB: it is too long");
+        return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
-        return usage_error(ctl_name, "that is no WORKER: it is too long");
+        return cli::usage_error(ctl_name, "that is no WORKER: it is too long");
     if (get->parsed())
         if (const auto kind = pixel_kind(output); !kind)
-            return usage_error(ctl_name, kind.error().message);
+            return cli::usage_error(ctl_name, kind.error().message);
     if (jobs->parsed())
         options.command = ListJobs{};
     else if (workers->parsed())

@@ -8,7 +8,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <unistd.h>
 #include <utility>
 
@@ -61,17 +60,17 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->envname("FRAJA_CONNECT_TIMEOUT")
         ->capture_default_str()
         ->type_name("T");
-    app.add_option("--progress", progress_, "auto, bar, plain, json or none, on stderr")
+    app.add_option("--progress", progress_, "How progress is shown on stderr")
         ->envname("FRAJA_PROGRESS")
         ->capture_default_str()
         ->check(CLI::IsMember(progress_modes.list()))
         ->type_name("MODE");
-    app.add_option("--color", color_, "auto, always or never")
+    app.add_option("--color", color_, "Whether messages are coloured")
         ->envname("FRAJA_COLOR")
         ->capture_default_str()
         ->check(CLI::IsMember(color_choices.list()))
         ->type_name("WHEN");
-    app.add_option("--log-level", log_level_, "trace, debug, info, warning or error")
+    app.add_option("--log-level", log_level_, "How much is said on stderr")
         ->envname("FRAJA_LOG_LEVEL")
         ->capture_default_str()
         ->check(CLI::IsMember(log_levels.list()))
@@ -105,37 +104,6 @@ Result<SharedOptions> SharedArguments::read() const {
     options.console = {program_, log_levels.of(log_level_), color_choices.of(color_)};
     options.json = json_;
     return options;
-}
-
-std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments) {
-    std::ranges::reverse(arguments); // as CLI11 wants them
-    try {
-        app.parse(std::move(arguments));
-        return std::nullopt;
-    } catch (const CLI::CallForVersion& e) {
-        return EarlyExit{0, std::string(e.what()) + "\n"};
-    } catch (const CLI::CallForHelp&) {
-        return EarlyExit{0, app.help()};
-    } catch (const CLI::CallForAllHelp&) {
-        return EarlyExit{0, app.help("", CLI::AppFormatMode::All)};
-    } catch (const CLI::ParseError& e) {
-        return usage_error(app.get_name(), e.what());
-    }
-}
-
-EarlyExit usage_error(std::string_view program, std::string_view message) {
-    const std::string name(program);
-    return {static_cast<int>(ExitCode::usage),
-            name + ": error: " + printable(message) + " (" + name + " --help)\n"};
-}
-
-int leave(const EarlyExit& exit) {
-    std::fputs(exit.text.c_str(), exit.code == 0 ? stdout : stderr);
-    return exit.code;
-}
-
-std::vector<std::string> arguments_of(int argc, char** argv) {
-    return {argv + std::min(argc, 1), argv + argc};
 }
 
 SessionOptions session_options(const SharedOptions& shared) {

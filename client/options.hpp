@@ -1,10 +1,11 @@
-// Options that every client shares, and how command lines are read.
+// Options that every client shares.
 #pragma once
 
 #include "client/console.hpp"
 #include "client/session.hpp"
 #include "common/base/result.hpp"
 #include "common/base/version.hpp"
+#include "common/cli/parse.hpp"
 
 #include <cstddef>
 #include <optional>
@@ -12,10 +13,6 @@
 #include <string_view>
 #include <variant>
 #include <vector>
-
-namespace CLI {
-class App; // the library is large: only the files that read a command line include it
-}
 
 namespace fraja::client {
 
@@ -29,12 +26,7 @@ struct SharedOptions {
     bool json = false;
 };
 
-/// A command line that ends the program: --help, --version, or a mistake.
-struct EarlyExit {
-    int code = 0;
-    std::string text;
-    friend bool operator==(const EarlyExit&, const EarlyExit&) = default;
-};
+using cli::EarlyExit;
 template <class Options>
 using Parsed = std::variant<Options, EarlyExit>;
 
@@ -53,20 +45,8 @@ private:
     bool json_ = false;
 };
 
-/// Reads the arguments (without the program's name). Nothing: all is well.
-[[nodiscard]] std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments);
-
-/// "fraja-submit: error: ... (fraja-submit --help)"
-[[nodiscard]] EarlyExit usage_error(std::string_view program, std::string_view message);
-
-/// Prints it where it belongs: help and version on stdout, mistakes on stderr. Returns the code.
-int leave(const EarlyExit& exit);
-
 /// For keep_freed_memory(): little, as a picture is memory enough.
 inline constexpr std::size_t kept_freed_bytes = std::size_t{8} << 20;
-
-/// The arguments of main, without the program's name.
-[[nodiscard]] std::vector<std::string> arguments_of(int argc, char** argv);
 
 [[nodiscard]] SessionOptions session_options(const SharedOptions& shared);
 

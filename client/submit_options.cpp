@@ -93,8 +93,7 @@ void add_picture_options(CLI::App& app, Arguments& a) {
                         ->capture_default_str()
                         ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
                         ->type_name("N");
-    app.add_option("--filter", a.filter,
-                   "Pixel filter of --spp, --error and --time-limit: box or tent")
+    app.add_option("--filter", a.filter, "Pixel filter of --spp, --error and --time-limit")
         ->capture_default_str()
         ->check(CLI::IsMember({"box", "tent"}))
         ->type_name("FILTER");
@@ -111,14 +110,13 @@ void add_job_options(CLI::App& app, Arguments& a) {
     app.add_option("--tile", a.tile, "Side of a tile in pixels, or auto")
         ->capture_default_str()
         ->type_name("N");
-    app.add_option(
-           "--order", a.order,
-           "In which order tiles appear: auto, scan, spiral or diadic; never changes pixels")
+    app.add_option("--order", a.order, "In which order tiles appear; never changes pixels")
         ->capture_default_str()
         ->check(CLI::IsMember({"auto", "scan", "spiral", "diadic"}))
         ->type_name("ORDER");
     app.add_option("-p,--priority", o.priority, "Higher goes first")
         ->capture_default_str()
+        ->check(CLI::Range(INT32_MIN, INT32_MAX))
         ->type_name("N");
     app.add_option("--max-workers", o.wishes.workers_max, "At most so many workers at a time")
         ->default_str("as many as help")
@@ -369,15 +367,15 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
-    if (auto early = parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
     for (const auto read :
          {read_picture, read_tiles, read_direct, read_conduct, read_names, read_film})
         if (const auto good = read(a); !good)
-            return usage_error(submit_name, good.error().message);
+            return cli::usage_error(submit_name, good.error().message);
     auto shared = a.shared.read();
     if (!shared)
-        return usage_error(submit_name, shared.error().message);
+        return cli::usage_error(submit_name, shared.error().message);
     a.options.shared = *std::move(shared);
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;

@@ -48,25 +48,26 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->type_name("WHEN");
     app.add_flag("--once", options.until.once, "Print what there is now, and leave");
     shared.add_to(app, watch_name);
-    if (auto early = parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
     auto read = shared.read();
     if (!read)
-        return usage_error(watch_name, read.error().message);
+        return cli::usage_error(watch_name, read.error().message);
     options.shared = *std::move(read);
     if (!until.empty()) {
         const auto share = parse_until(until);
         if (!share)
-            return usage_error(watch_name, "--until " + until + ": done, first, or a share as 50%");
+            return cli::usage_error(watch_name,
+                                    "--until " + until + ": done, first, or a share as 50%");
         options.until.share = *share;
     }
     if (!options.job && (!options.output.empty() || !until.empty()))
-        return usage_error(watch_name, "--output and --until need a JOB");
+        return cli::usage_error(watch_name, "--output and --until need a JOB");
     if (options.job && options.job->size() > protocol::string_bytes_max)
-        return usage_error(watch_name, "that is no JOB: it is too long");
+        return cli::usage_error(watch_name, "that is no JOB: it is too long");
     if (!options.output.empty())
         if (const auto kind = pixel_kind(options.output); !kind)
-            return usage_error(watch_name, kind.error().message);
+            return cli::usage_error(watch_name, kind.error().message);
     return options;
 }
 

@@ -2,6 +2,7 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/guarded.hpp"
 #include "common/base/version.hpp"
+#include "common/cli/parse.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
@@ -25,6 +26,7 @@ namespace {
 
 using namespace fraja;
 
+constexpr const char* program = "fraja-worker";
 constexpr const char* examples = R"(Examples:
   fraja-worker                                   serve the broker on this machine with every CPU
   fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
@@ -40,7 +42,7 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixel
 
 constexpr const char* no_isa = "no instruction set to render with";
 
-enum Exit : int { done = 0, usage = 2, refused = 4, interrupted = 128 };
+enum Exit : int { done = 0, refused = 4, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
@@ -49,20 +51,20 @@ struct Arguments {
 };
 
 int usage_error(const std::string& message) {
-    fmt::print(stderr, "fraja-worker: {}\n", message);
-    return Exit::usage;
+    return cli::leave(cli::usage_error(program, message));
 }
 
-void add_options(CLI::App& app, Arguments& arguments) {
+void describe(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
     app.set_version_flag("--version",
-                         version_line("fraja-worker", kernel::instruction_set().value_or(no_isa)));
+                         version_line(program, kernel::instruction_set().value_or(no_isa)));
     CLI::Option* const broker =
         app.add_option("-b,--broker", options.brokers,
                        "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
             ->envname("FRAJA_BROKER")
             ->delimiter(',')
-            ->default_str(net::default_broker);
+            ->default_str(net::default_broker)
+            ->type_name("ENDPOINT");
     const auto listen = [&options, broker](const std::string& endpoint) {
         options.listen = endpoint;
         broker->envname(""); // the environment's broker is for workers that want one
@@ -78,11 +80,14 @@ void add_options(CLI::App& app, Arguments& arguments) {
                  "Listen at addresses that other machines reach, without keys");
     app.add_option("-j,--threads", options.threads, "Render threads")
         ->default_str("every CPU this process may use")
-        ->check(CLI::Range(1u, worker::threads_max));
+        ->check(CLI::Range(1u, worker::threads_max))
+        ->type_name("N");
     app.add_option("--name", options.name, "What people see this worker called")
-        ->default_str("HOST:PID");
+        ->default_str("HOST:PID")
+        ->type_name("NAME");
     app.add_option("--tag", options.tags, "K or K=V, for jobs that ask for it; repeatable")
-        ->allow_extra_args(false);
+        ->allow_extra_args(false)
+        ->type_name("K[=V]");
     app.add_option("--emulate", arguments.emulate,
                    "For benchmarks: COUNT workers that answer with true pixels when a machine of "
                    "SPEED rays per second and thread (3500, 3.5k, 2M) would, without its work; "
@@ -90,9 +95,10 @@ void add_options(CLI::App& app, Arguments& arguments) {
                    "N; repeatable")
         ->type_name("COUNT@SPEED")
         ->allow_extra_args(false);
-    app.add_option("--log-level", arguments.log_level, "trace, debug, info, warning or error")
+    app.add_option("--log-level", arguments.log_level, "How much is said on stderr")
         ->capture_default_str()
-        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
+        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}))
+        ->type_name("LEVEL");
 }
 
 /// Endpoints as sockets take them, and what is emulated.
@@ -184,7 +190,7 @@ int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals)
     }
     thread.join();
     if (!*outcome)
-        return usage_error(outcome->error().message);
+        return cli::leave(cli::failure(program, outcome->error().message));
     return exit_code(**outcome, last_signal);
 }
 
@@ -196,13 +202,10 @@ int main(int argc, char** argv) try {
     Arguments arguments;
     arguments.options.threads = worker::usable_cpu_count();
     arguments.options.name = worker::default_worker_name();
-    CLI::App app(examples, "fraja-worker");
-    add_options(app, arguments);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e) == 0 ? Exit::done : Exit::usage;
-    }
+    CLI::App app(examples, program);
+    describe(app, arguments);
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+        return cli::leave(*early);
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(completed.error().message);
@@ -215,7 +218,7 @@ int main(int argc, char** argv) try {
             fmt::print("listening {}\n", endpoint);
         std::fflush(stdout);
     };
-    const auto logger = spdlog::stderr_color_mt("fraja-worker");
+    const auto logger = spdlog::stderr_color_mt(program);
     logger->set_pattern("%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     logger->set_level(spdlog::level::from_str(arguments.log_level));
     options.on_log = [&](worker::LogLevel level, const std::string& text) {

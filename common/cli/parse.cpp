@@ -1,0 +1,50 @@
+#include "common/cli/parse.hpp"
+
+#include "common/base/text.hpp"
+#include "common/cli/help.hpp"
+#include "common/cli/mistakes.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <utility>
+
+namespace fraja::cli {
+
+std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments) {
+    use_house_help(app);
+    const std::vector<std::string> typed = arguments;
+    std::ranges::reverse(arguments); // as CLI11 wants them
+    try {
+        app.parse(std::move(arguments));
+        return std::nullopt;
+    } catch (const CLI::CallForVersion& e) {
+        return EarlyExit{0, std::string(e.what()) + "\n"};
+    } catch (const CLI::CallForHelp&) {
+        return EarlyExit{0, app.help()};
+    } catch (const CLI::CallForAllHelp&) {
+        return EarlyExit{0, app.help("", CLI::AppFormatMode::All)};
+    } catch (const CLI::ParseError& e) {
+        return usage_error(app.get_name(), mistake(app, e, typed));
+    }
+}
+
+EarlyExit usage_error(std::string_view program, std::string_view message) {
+    const std::string name(program);
+    return {2, name + ": error: " + printable(message) + " (" + name + " --help)\n"};
+}
+
+EarlyExit failure(std::string_view program, std::string_view message) {
+    return {2, std::string(program) + ": error: " + printable(message) + "\n"};
+}
+
+int leave(const EarlyExit& exit) {
+    std::fputs(exit.text.c_str(), exit.code == 0 ? stdout : stderr);
+    return exit.code;
+}
+
+std::vector<std::string> arguments_of(int argc, char** argv) {
+    return {argv + std::min(argc, 1), argv + argc};
+}
+
+} // namespace fraja::cli

@@ -1,0 +1,38 @@
+// How every program reads its command line, and how it ends over one.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace CLI {
+class App; // the library is large: only the files that read a command line include it
+}
+
+namespace fraja::cli {
+
+/// A command line that ends the program: --help, --version, or a mistake.
+struct EarlyExit {
+    int code = 0;
+    std::string text;
+    friend bool operator==(const EarlyExit&, const EarlyExit&) = default;
+};
+
+/// Reads the arguments (without the program's name). Nothing: all is well. `app` has the program's
+/// name.
+[[nodiscard]] std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments);
+
+/// "fraja-submit: error: ... (fraja-submit --help)", and exit code 2.
+[[nodiscard]] EarlyExit usage_error(std::string_view program, std::string_view message);
+
+/// The same where the command line is as it should be, and the world is not.
+[[nodiscard]] EarlyExit failure(std::string_view program, std::string_view message);
+
+/// Prints it where it belongs: help and version on stdout, mistakes on stderr. Returns the code.
+int leave(const EarlyExit& exit);
+
+/// The arguments of main, without the program's name.
+[[nodiscard]] std::vector<std::string> arguments_of(int argc, char** argv);
+
+} // namespace fraja::cli
