@@ -1,6 +1,7 @@
 #include "client/ctl.hpp"
 
 #include "client/asking.hpp"
+#include "client/farm_catcher.hpp"
 #include "client/json.hpp"
 #include "client/picture.hpp"
 #include "client/shell.hpp"
@@ -19,19 +20,6 @@
 
 namespace fraja::client {
 namespace {
-
-/// The first state of the farm is all we want.
-class FarmCatcher final : public Listener {
-public:
-    void hear(Instant, const News& news) override {
-        if (const auto* changed = std::get_if<FarmChanged>(&news); changed && !farm)
-            farm = changed->farm;
-    }
-    std::optional<Outcome> wants_to_leave() override {
-        return farm ? std::optional(Outcome{}) : std::nullopt;
-    }
-    std::optional<protocol::FarmState> farm;
-};
 
 class JobCatcher final : public Listener {
 public:

@@ -1,5 +1,6 @@
 #include "client/ctl_options.hpp"
 
+#include "client/farm_names.hpp"
 #include "common/image_io/picture_file.hpp"
 #include "common/protocol/limits.hpp"
 
@@ -11,11 +12,14 @@ namespace fraja::client {
 namespace {
 
 constexpr const char* ctl_name = "fraja-ctl";
+const std::vector<std::string> programs = {"fraja-broker", "fraja-worker", "fraja-submit",
+                                           "fraja-watch", ctl_name};
 constexpr const char* ctl_examples = R"(Examples:
   fraja-ctl jobs                         all jobs, the newest first
   fraja-ctl get '#17' -o now.png         the picture as far as it is
   fraja-ctl cancel cone                  asks, then cancels the newest job of that name
   fraja-ctl drain ada:4711               that worker gets no more tiles
+  . <(fraja-ctl completion bash)         TAB completes options, jobs and workers in this shell
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N. A WORKER is an id, the
 beginning of one, or a name.
@@ -72,8 +76,16 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     CLI::App* get = command("get", "Write the picture as far as it is");
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
-    if (auto early = cli::parse(app, std::move(arguments)))
+    std::string shell;
+    CLI::App* completion = command("completion", "Print the script that completes our programs");
+    completion->add_option("shell", shell, "Shell")
+        ->required()
+        ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+        ->type_name("SHELL");
+    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
         return *early;
+    if (completion->parsed())
+        return EarlyExit{0, *cli::completion_script(shell, programs)};
 
     CtlOptions options;
     auto read = shared.read();

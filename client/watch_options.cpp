@@ -1,5 +1,6 @@
 #include "client/watch_options.hpp"
 
+#include "client/farm_names.hpp"
 #include "common/base/text.hpp"
 #include "common/image_io/picture_file.hpp"
 #include "common/protocol/limits.hpp"
@@ -48,7 +49,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->type_name("WHEN");
     app.add_flag("--once", options.until.once, "Print what there is now, and leave");
     shared.add_to(app, watch_name);
-    if (auto early = cli::parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
         return *early;
     auto read = shared.read();
     if (!read)

@@ -88,8 +88,7 @@ std::vector<OptionCard> cards_of(const CLI::App& app) {
     std::vector<OptionCard> cards;
     for (const CLI::Option* option : app.get_options())
         cards.push_back(card_of(*option));
-    std::ranges::stable_partition(cards,
-                                  [](const OptionCard& card) { return !card.names.empty(); });
+    std::ranges::stable_partition(cards, [](const OptionCard& card) { return card.names.empty(); });
     return cards;
 }
 

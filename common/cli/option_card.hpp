@@ -36,7 +36,7 @@ struct OptionCard {
 };
 
 [[nodiscard]] OptionCard card_of(const CLI::Option& option);
-/// Of the app's own options, those with a name first, in their order.
+/// Of the app's own options in their order, those that are told by their place first.
 [[nodiscard]] std::vector<OptionCard> cards_of(const CLI::App& app);
 
 /// Every name of theirs.

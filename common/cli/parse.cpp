@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 #include "common/cli/help.hpp"
+#include "common/cli/manual.hpp"
 #include "common/cli/mistakes.hpp"
 
 #include <CLI/CLI.hpp>
@@ -11,8 +12,29 @@
 
 namespace fraja::cli {
 
-std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments) {
+namespace {
+
+/// To shells and to the build.
+std::optional<std::string> answer(CLI::App& app, const std::vector<std::string>& arguments,
+                                  const NameSource& names) {
+    if (arguments.empty())
+        return std::nullopt;
+    if (arguments[0] == "--complete")
+        return completions(app, {arguments.begin() + 1, arguments.end()}, names);
+    if (arguments[0] == "--completion" && arguments.size() == 2)
+        return completion_script(arguments[1], std::vector{app.get_name()});
+    if (arguments[0] == "--manual" && arguments.size() == 1)
+        return manual_sections(app);
+    return std::nullopt;
+}
+
+} // namespace
+
+std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments,
+                               const NameSource& names) {
     use_house_help(app);
+    if (auto told = answer(app, arguments, names))
+        return EarlyExit{0, *std::move(told)};
     const std::vector<std::string> typed = arguments;
     std::ranges::reverse(arguments); // as CLI11 wants them
     try {

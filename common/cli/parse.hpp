@@ -1,13 +1,15 @@
 // How every program reads its command line, and how it ends over one.
 #pragma once
 
+#include "common/cli/completion.hpp"
+
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace CLI {
-class App; // the library is large: only the files that read a command line include it
+class App; // the library is large: only the files that describe a command line include it
 }
 
 namespace fraja::cli {
@@ -20,8 +22,11 @@ struct EarlyExit {
 };
 
 /// Reads the arguments (without the program's name). Nothing: all is well. `app` has the program's
-/// name.
-[[nodiscard]] std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments);
+/// name. Answers also what --help does not show, as it is for shells and the build: --complete
+/// WORD... (completions(), which may ask `names`), --completion SHELL (completion_script() for this
+/// program), --manual (manual_sections()); each as the first argument.
+[[nodiscard]] std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments,
+                                             const NameSource& names = {});
 
 /// "fraja-submit: error: ... (fraja-submit --help)", and exit code 2.
 [[nodiscard]] EarlyExit usage_error(std::string_view program, std::string_view message);
