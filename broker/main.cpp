@@ -254,6 +254,7 @@ int main(int argc, char** argv) {
         logger->log(to_spdlog(level), "{}", text);
     };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
+        make_room_for_peers(options.limits, *logger);
         fmt::print("listening {} stream {}\n", bound, stream);
         std::fflush(stdout);
         if (arguments.state == "none")
@@ -262,7 +263,6 @@ int main(int argc, char** argv) {
             logger->info("jobs are kept in {}", arguments.state);
     };
 
-    make_room_for_peers(options.limits, *logger);
     const net::Context context;
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
