@@ -11,7 +11,7 @@ namespace {
 
 const std::string tool = FRAJA_SOURCE_DIR "/tools/film";
 
-RunResult film(const Words& arguments, const Words& env = {}) {
+RunResult make_film(const Words& arguments, const Words& env = {}) {
     auto result = run({with({tool}, arguments), env}, patience);
     REQUIRE(result.has_value());
     return *std::move(result);
@@ -48,7 +48,7 @@ TEST_CASE("a film without what it needs is told so before anything is rendered")
                  {"PATH=" + scratch.file("")}},
          }) {
         CAPTURE(row.says);
-        const RunResult result = film(row.arguments, row.env);
+        const RunResult result = make_film(row.arguments, row.env);
         CAPTURE(result.err);
         CHECK(result.exit == 2);
         CHECK(result.out.empty());
@@ -68,7 +68,7 @@ TEST_CASE("a film is rendered and joined, and what is there is not rendered agai
     const std::string video = scratch.file("cone.mp4");
     const Words words = {scene("cone"), scene("travels/cone"), "-o",  video, "--", "-r", "33x25",
                          "--local",     "--progress",          "none"};
-    CHECK(film(words).out == video + "\n");
+    CHECK(make_film(words).out == video + "\n");
     const std::string first = bytes_of(video);
     CHECK(first.size() > 1000);
     const std::string frame = scratch.file("cone.frames/0003.png");
@@ -76,14 +76,13 @@ TEST_CASE("a film is rendered and joined, and what is there is not rendered agai
     const std::string third = bytes_of(frame);
     fs::remove(frame);
     fs::remove(video);
-    CHECK(film(words).exit == 0);
+    CHECK(make_film(words).exit == 0);
     CHECK((bytes_of(frame) == third));
     CHECK(fs::last_write_time(scratch.file("cone.frames/0001.png")) == others);
-    CHECK(
-        film({"--join", scratch.file("cone.frames/%04d.png"), "-o", scratch.file("c.webm")}).exit ==
-        0);
+    CHECK(make_film({"--join", scratch.file("cone.frames/%04d.png"), "-o", scratch.file("c.webm")})
+              .exit == 0);
     CHECK(fs::exists(scratch.file("c.webm")));
-    const RunResult none = film({"--join", scratch.file("no%04d.png"), "-o", video});
+    const RunResult none = make_film({"--join", scratch.file("no%04d.png"), "-o", video});
     CHECK(none.exit == 2);
     CHECK(contains(none.err, "no%04d.png"));
     CHECK(fs::exists(video)); // the one that was there
