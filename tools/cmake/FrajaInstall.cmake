@@ -34,7 +34,8 @@ install(DIRECTORY scenes/ DESTINATION ${CMAKE_INSTALL_DATADIR}/fraja/scenes COMP
     FILES_MATCHING PATTERN "*.raj" PATTERN invalid EXCLUDE)
 install(FILES README.md ARCHITECTURE.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/fraja-client COMPONENT client)
 
-# Services are those of the programs that they are called after.
+# Services are those of the programs that they are called after. They say /usr/bin, where packages put these: under another
+# prefix that is for the administrator to change.
 foreach(component broker worker)
     file(GLOB units CONFIGURE_DEPENDS tools/systemd/fraja-${component}*.service)
     install(FILES ${units} DESTINATION lib/systemd/system COMPONENT ${component})
