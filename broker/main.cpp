@@ -10,7 +10,7 @@
 #include "common/base/freed_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
-#include "common/cli/command_line.hpp"
+#include "common/cli/parse.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/service/logger.hpp"
@@ -62,15 +62,12 @@ std::string default_state() {
     return "none";
 }
 
-constexpr int usage_or_configuration = 2;
-
 int usage_error(const std::string& message) {
     return cli::leave(cli::usage_error(program, message));
 }
 
 int fail(const std::string& message) {
-    fmt::print(stderr, "{}: error: {}\n", program, printable(message));
-    return usage_or_configuration;
+    return cli::leave(cli::failure(program, message));
 }
 
 /// Of so many failures within a time: `3/10m`.
@@ -153,22 +150,25 @@ int check_state(const std::string& state) {
     return 0;
 }
 
-void add_options(CLI::App& app, Arguments& arguments) {
+void describe(CLI::App& app, Arguments& arguments) {
     broker::Options& options = arguments.options;
     app.set_version_flag("--version", version_line(program));
     app.add_option("--bind", options.bind,
                    "Where workers and clients connect; port 0: the system chooses")
         ->envname("FRAJA_BIND")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("ENDPOINT");
     app.add_option("--publish", options.publish, "Where the stream of tiles is published")
         ->envname("FRAJA_PUBLISH")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("ENDPOINT");
     app.add_option(
            "--state", arguments.state,
            "Directory where jobs, scenes and finished tiles are kept, so that a broker that is "
            "started again goes on with them; none: in memory alone")
         ->envname("FRAJA_STATE")
-        ->default_str("$XDG_STATE_HOME/fraja");
+        ->default_str("$XDG_STATE_HOME/fraja")
+        ->type_name("DIR");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
     app.add_option("--http", arguments.http,
@@ -177,31 +177,38 @@ void add_options(CLI::App& app, Arguments& arguments) {
         ->envname("FRAJA_HTTP")
         ->type_name("ADDR:PORT");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("T");
     app.add_option("--liveness", options.limits.liveness, "Beats that a worker or client may miss")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000));
+        ->check(CLI::Range(1, 1000))
+        ->type_name("N");
     app.add_option("--lease", arguments.lease,
                    "A tile that traces no ray for so long is given to another worker")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("T");
     app.add_option(
            "--max-attempts", options.limits.attempts_max,
            "Failures of one tile, on different workers where there are, before its job fails")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000));
+        ->check(CLI::Range(1, 1000))
+        ->type_name("N");
     app.add_option("--quarantine", arguments.quarantine,
                    "A worker that failed so many tiles within the time gets none for as long")
         ->capture_default_str()
         ->type_name("N/TIME");
     app.add_option("--upstream", options.upstream.broker,
                    "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
-                   "sends is split among the workers here");
+                   "sends is split among the workers here")
+        ->type_name("ENDPOINT");
     app.add_option("--upstream-tag", options.upstream.tags,
                    "K or K=V, which it is told; repeatable")
         ->allow_extra_args(false)
-        ->needs("--upstream");
+        ->needs("--upstream")
+        ->type_name("K[=V]");
     app.add_option("--keep", arguments.keep, "How long jobs that are over are kept")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->type_name("T");
     app.add_flag("--check", arguments.check, "Check the options and what is kept, and leave");
     service::add_log_options(app, arguments.log);
 }
@@ -229,6 +236,7 @@ int run(Arguments& arguments, const net::SignalWatch& signals) {
     options.signals = &signals;
     options.on_log = [&](const LogLine& line) { logger.log(line); };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
+        make_room_for_peers(options.limits, logger);
         fmt::print("listening {} stream {}\n", bound, stream);
         if (http) {
             http->serve();
@@ -249,7 +257,6 @@ int run(Arguments& arguments, const net::SignalWatch& signals) {
     };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
 
-    make_room_for_peers(options.limits, logger);
     const net::Context context;
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
@@ -265,7 +272,7 @@ int main(int argc, char** argv) {
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     Arguments arguments;
     CLI::App app(examples, program);
-    add_options(app, arguments);
+    describe(app, arguments);
     if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
         return cli::leave(*early);
 

@@ -279,16 +279,22 @@ private:
     bool stopped_by_signal_ = false;
 };
 
+/// With the option that can mend it.
+Error about(const std::string& option, Error error) {
+    error.message = option + ": " + error.message;
+    return error;
+}
+
 } // namespace
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
     const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, options.insecure);
     if (!bind)
-        return bind.error();
+        return about("--bind", bind.error());
     const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, options.insecure);
     if (!publish)
-        return publish.error();
+        return about("--publish", publish.error());
     const net::Waker waker;
     std::unique_ptr<Kept> kept;
     if (!options.state.empty()) {
@@ -299,13 +305,13 @@ Result<void> run_broker(const net::Context& context, const Options& options,
     }
     auto router = net::RouterSocket::bind(context, *bind);
     if (!router)
-        return router.error();
+        return about("--bind", router.error());
     for (const std::string& worker : options.call)
         if (auto called = router->call(worker); !called)
             return called.error();
     auto publisher = net::PublisherSocket::bind(context, *publish, options.limits.topics_max);
     if (!publisher)
-        return publisher.error();
+        return about("--publish", publisher.error());
     if (options.on_listening)
         options.on_listening(router->endpoint(), publisher->endpoint());
     Shell shell(context, std::move(*router), std::move(*publisher), std::move(kept), waker,

@@ -1,6 +1,8 @@
 #include "client/ctl.hpp"
 
 #include "client/asking.hpp"
+#include "client/doctor.hpp"
+#include "client/farm_catcher.hpp"
 #include "client/json.hpp"
 #include "client/picture.hpp"
 #include "client/shell.hpp"
@@ -16,22 +18,10 @@
 #include <string>
 #include <unistd.h>
 #include <utility>
+#include <vector>
 
 namespace fraja::client {
 namespace {
-
-/// The first state of the farm is all we want.
-class FarmCatcher final : public Listener {
-public:
-    void hear(Instant, const News& news) override {
-        if (const auto* changed = std::get_if<FarmChanged>(&news); changed && !farm)
-            farm = changed->farm;
-    }
-    std::optional<Outcome> wants_to_leave() override {
-        return farm ? std::optional(Outcome{}) : std::nullopt;
-    }
-    std::optional<protocol::FarmState> farm;
-};
 
 class JobCatcher final : public Listener {
 public:
@@ -90,6 +80,59 @@ private:
         else if (outcome.code == ExitCode::done)
             fmt::print("{}", workers_table(catcher.farm->workers));
         return outcome;
+    }
+
+    /// Each for itself: done where at least one answers.
+    Outcome perform(const ListBrokers&) {
+        std::vector<AskedBroker> asked;
+        Outcome outcome;
+        bool any = false;
+        for (const std::string& broker : options_.shared.brokers) {
+            FarmCatcher catcher;
+            SharedOptions alone = options_.shared;
+            alone.brokers = {broker};
+            const Outcome answer = catch_farm(catcher, alone);
+            if (answer.code == ExitCode::interrupted || answer.code == ExitCode::terminated)
+                return answer;
+            any = any || answer.code == ExitCode::done;
+            outcome = answer;
+            asked.push_back({broker, std::move(catcher.farm), answer.reason});
+        }
+        if (options_.shared.json)
+            for (const AskedBroker& broker : asked)
+                fmt::print("{}\n", broker_json(broker));
+        else
+            fmt::print("{}", brokers_table(asked));
+        return any ? Outcome{} : outcome;
+    }
+
+    Outcome perform(const ShowStats&) {
+        FarmCatcher catcher;
+        const Outcome outcome = catch_farm(catcher);
+        if (outcome.code == ExitCode::done && options_.shared.json)
+            fmt::print("{}\n", stats_json(*catcher.farm));
+        else if (outcome.code == ExitCode::done)
+            fmt::print("{}", stats_page(*catcher.farm));
+        return outcome;
+    }
+
+    /// The worst that was found: a broker that cannot be used, then what is wrong here.
+    Outcome perform(const Examine&) {
+        const auto here = examine_machine();
+        const auto there = examine_brokers(options_.shared, signals_);
+        if (options_.shared.json)
+            for (const auto& findings : {here, there})
+                for (const Finding& finding : findings)
+                    fmt::print("{}\n", finding_json(finding));
+        else
+            fmt::print("{}", findings_page(here, there));
+        const auto any_bad = [](const std::vector<Finding>& findings) {
+            return std::ranges::count(findings, Finding::Grade::bad, &Finding::grade) > 0;
+        };
+        return {any_bad(there)  ? ExitCode::unreachable
+                : any_bad(here) ? ExitCode::usage
+                                : ExitCode::done,
+                {}};
     }
 
     Outcome perform(const ShowJob& command) {
@@ -176,9 +219,11 @@ private:
         return {};
     }
 
-    Outcome catch_farm(FarmCatcher& catcher) {
+    Outcome catch_farm(FarmCatcher& catcher) { return catch_farm(catcher, options_.shared); }
+
+    Outcome catch_farm(FarmCatcher& catcher, const SharedOptions& shared) {
         const net::Context context;
-        FarmWatching watching(session_options(options_.shared));
+        FarmWatching watching(session_options(shared));
         return converse(context, watching, catcher, signals_);
     }
 

@@ -1,5 +1,6 @@
 #include "client/ctl_options.hpp"
 
+#include "client/farm_names.hpp"
 #include "common/protocol/limits.hpp"
 
 #include <CLI/CLI.hpp>
@@ -10,11 +11,15 @@ namespace fraja::client {
 namespace {
 
 constexpr const char* ctl_name = "fraja-ctl";
+const std::vector<std::string> programs = {"fraja-broker", "fraja-worker", "fraja-submit",
+                                           "fraja-watch", ctl_name};
 constexpr const char* ctl_examples = R"(Examples:
   fraja-ctl jobs                         all jobs, the newest first
   fraja-ctl get '#17' -o now.png         the picture as far as it is
   fraja-ctl cancel cone                  asks, then cancels the newest job of that name
   fraja-ctl drain ada:4711               that worker gets no more tiles
+  fraja-ctl -b farm.example doctor       why does nothing happen?
+  . <(fraja-ctl completion bash)         TAB completes options, jobs and workers in this shell
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N. A WORKER is an id, the
 beginning of one, or a name.
@@ -40,6 +45,9 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     };
     const CLI::App* jobs = command("jobs", "All jobs");
     const CLI::App* workers = command("workers", "All workers");
+    const CLI::App* brokers = command("brokers", "All brokers that -b names");
+    const CLI::App* stats = command("stats", "What the farm has done since its broker started");
+    const CLI::App* doctor = command("doctor", "Look what is wrong between here and the farm");
     CLI::App* show = command("show", "All about one job");
     takes_job(show);
     using enum protocol::JobDeed;
@@ -53,7 +61,10 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     for (const auto& [deed, sub] : deeds) {
         takes_job(sub);
         if (deed == set_priority)
-            sub->add_option("priority", priority, "Higher goes first")->required()->type_name("N");
+            sub->add_option("priority", priority, "Higher goes first")
+                ->required()
+                ->check(CLI::Range(INT32_MIN, INT32_MAX))
+                ->type_name("N");
         if (deed == cancel)
             sub->add_flag("--yes", yes, "Do not ask");
     }
@@ -70,8 +81,16 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
     encoding.add_to(*get);
-    if (auto early = cli::parse(app, std::move(arguments)))
+    std::string shell;
+    CLI::App* completion = command("completion", "Print the script that completes our programs");
+    completion->add_option("shell", shell, "Shell")
+        ->required()
+        ->check(CLI::IsMember({"bash", "zsh", "fish"}))
+        ->type_name("SHELL");
+    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
         return *early;
+    if (completion->parsed())
+        return EarlyExit{0, *cli::completion_script(shell, programs)};
 
     CtlOptions options;
     auto read = shared.read();
@@ -89,6 +108,12 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
         options.command = ListJobs{};
     else if (workers->parsed())
         options.command = ListWorkers{};
+    else if (brokers->parsed())
+        options.command = ListBrokers{};
+    else if (stats->parsed())
+        options.command = ShowStats{};
+    else if (doctor->parsed())
+        options.command = Examine{};
     else if (show->parsed())
         options.command = ShowJob{job};
     else if (get->parsed())

@@ -32,8 +32,11 @@ struct GetPicture {
     std::string output;
     PictureEncoding encoding;
 };
-using CtlCommand =
-    std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker, GetPicture>;
+struct ListBrokers {};
+struct ShowStats {};
+struct Examine {}; ///< what is wrong here?
+using CtlCommand = std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker,
+                                GetPicture, ListBrokers, ShowStats, Examine>;
 
 struct CtlOptions {
     SharedOptions shared;

@@ -5,7 +5,7 @@
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
-#include "common/cli/command_line.hpp"
+#include "common/cli/settings.hpp"
 #include "common/image_io/picture_codec.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -126,7 +126,7 @@ private:
 };
 
 Finding examine_way(const std::string& broker, const net::Endpoint& endpoint) {
-    const auto took = net::reach(endpoint.host, endpoint.port, patience);
+    const auto took = net::reach(endpoint.host, endpoint.port);
     if (took)
         return {good, broker, fmt::format("reached in {:.1f} ms", 1000 * seconds(*took)), {}};
     if (took.error().code == ErrorCode::not_found)
@@ -250,16 +250,21 @@ std::vector<Finding> examine_brokers(const SharedOptions& shared, const net::Sig
     return findings;
 }
 
-std::string findings_page(const std::vector<Finding>& findings) {
+std::string findings_page(const std::vector<Finding>& machine,
+                          const std::vector<Finding>& brokers) {
     std::size_t widest = 0;
-    for (const Finding& finding : findings)
-        widest = std::max(widest, finding.subject.size());
+    for (const auto& findings : {machine, brokers})
+        for (const Finding& finding : findings)
+            widest = std::max(widest, finding.subject.size());
     std::string page;
-    for (const Finding& f : findings) {
-        const char* const grade = f.grade == good ? "ok" : f.grade == bad ? "BAD" : "hm";
-        page += fmt::format("{:<4}{:<{}}  {}\n", grade, f.subject, widest, f.text);
-        if (!f.cure.empty())
-            page += fmt::format("    {:<{}}  -> {}\n", "", widest, f.cure);
+    for (const auto& findings : {machine, brokers}) {
+        page += page.empty() ? "" : "\n";
+        for (const Finding& f : findings) {
+            const char* const grade = f.grade == good ? "ok" : f.grade == bad ? "BAD" : "hm";
+            page += fmt::format("{:<4}{:<{}}  {}\n", grade, f.subject, widest, f.text);
+            if (!f.cure.empty())
+                page += fmt::format("    {:<{}}  -> {}\n", "", widest, f.cure);
+        }
     }
     return page;
 }

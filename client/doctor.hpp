@@ -42,7 +42,8 @@ inline constexpr std::uint64_t disk_bytes_few = std::uint64_t{1} << 30;
 [[nodiscard]] std::vector<Finding> examine_brokers(const SharedOptions& shared,
                                                    const net::SignalWatch* signals);
 
-/// A line for each finding, and one for its cure.
-[[nodiscard]] std::string findings_page(const std::vector<Finding>& findings);
+/// A line for each finding, and one for its cure; those of the brokers apart.
+[[nodiscard]] std::string findings_page(const std::vector<Finding>& machine,
+                                        const std::vector<Finding>& brokers);
 
 } // namespace fraja::client

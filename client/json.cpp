@@ -149,6 +149,10 @@ std::string broker_json(const AskedBroker& asked) {
     return dumped(json);
 }
 
+std::string stats_json(const protocol::FarmState& farm) {
+    return dumped(broker_object(farm.broker));
+}
+
 std::string finding_json(const Finding& f) {
     const char* const grade = f.grade == Finding::Grade::good  ? "good"
                               : f.grade == Finding::Grade::bad ? "bad"

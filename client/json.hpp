@@ -24,6 +24,8 @@ namespace fraja::client {
 [[nodiscard]] std::string worker_json(const protocol::WorkerState& state);
 /// fraja.broker/1: a broker and what it has done, with the endpoint where it was asked.
 [[nodiscard]] std::string broker_json(const AskedBroker& asked);
+/// fraja.broker/1 without it: what a farm has done since its broker started.
+[[nodiscard]] std::string stats_json(const protocol::FarmState& farm);
 /// fraja.finding/1: what a doctor found.
 [[nodiscard]] std::string finding_json(const Finding& finding);
 /// fraja.farm/1: the broker, all jobs and workers.

@@ -8,7 +8,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <unistd.h>
 #include <utility>
 
@@ -68,17 +67,17 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->envname("FRAJA_CONNECT_TIMEOUT")
         ->capture_default_str()
         ->type_name("T");
-    app.add_option("--progress", progress_, "auto, bar, plain, json or none, on stderr")
+    app.add_option("--progress", progress_, "How progress is shown on stderr")
         ->envname("FRAJA_PROGRESS")
         ->capture_default_str()
         ->check(CLI::IsMember(progress_modes.list()))
         ->type_name("MODE");
-    app.add_option("--color", color_, "auto, always or never")
+    app.add_option("--color", color_, "Whether messages are coloured")
         ->envname("FRAJA_COLOR")
         ->capture_default_str()
         ->check(CLI::IsMember(color_choices.list()))
         ->type_name("WHEN");
-    app.add_option("--log-level", log_level_, "trace, debug, info, warning or error")
+    app.add_option("--log-level", log_level_, "How much is said on stderr")
         ->envname("FRAJA_LOG_LEVEL")
         ->capture_default_str()
         ->check(CLI::IsMember(log_levels.list()))

@@ -6,12 +6,13 @@
 #include "client/session.hpp"
 #include "common/base/result.hpp"
 #include "common/base/version.hpp"
-#include "common/cli/command_line.hpp"
+#include "common/cli/parse.hpp"
 #include "common/image_io/picture_file.hpp"
 
 #include <cstddef>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 namespace fraja::client {
@@ -27,7 +28,8 @@ struct SharedOptions {
 };
 
 using cli::EarlyExit;
-using cli::Parsed;
+template <class Options>
+using Parsed = std::variant<Options, EarlyExit>;
 
 /// The shared options as they are typed, until all of the line has been read.
 class SharedArguments {

@@ -13,11 +13,29 @@
 namespace fraja::client {
 namespace {
 
+constexpr std::size_t looked_at_bytes = 4096; // to tell what is no text
+
+std::string folder_here() {
+    std::error_code error;
+    const auto here = std::filesystem::current_path(error);
+    return error ? "this folder" : here.string();
+}
+
+/// Pictures, programs, archives: no text has a zero.
+bool is_binary(const Blob& text) {
+    const std::string_view start = as_text(text).substr(0, looked_at_bytes);
+    return start.find('\0') != std::string_view::npos;
+}
+
 Result<Bytes> read_bytes(const std::filesystem::path& path, std::uint64_t bytes_max) {
     std::error_code error;
     if (std::filesystem::is_directory(path, error))
-        return Error{ErrorCode::io, path.string() + ": this is a directory"};
+        return Error{ErrorCode::io, path.string() + ": this is a directory; a scene is a file, as "
+                                                    "scenes/cone.raj"};
     std::ifstream file(path, std::ios::binary);
+    if (!file && errno == ENOENT)
+        return Error{ErrorCode::io, path.string() + ": there is no such file" +
+                                        (path.is_relative() ? " in " + folder_here() : "")};
     if (!file)
         return Error{ErrorCode::io, path.string() + ": " + std::strerror(errno)};
     Bytes bytes;
@@ -44,6 +62,10 @@ Result<SceneFile> read_scene_file(const std::filesystem::path& path) {
         return bytes.error();
     SceneFile file;
     file.text = Blob(*std::move(bytes));
+    if (is_binary(file.text))
+        return Error{ErrorCode::invalid_scene,
+                     path.string() + ": this is no scene: a .raj file is text, and opens with "
+                                     "raja.renderer.Scene {"};
     if (const auto scene = read_raj(as_text(file.text), path.string(), limits, &file.warnings);
         !scene)
         return scene.error();

@@ -2,6 +2,7 @@
 
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
+#include "common/net/reach.hpp"
 #include "common/protocol/codec.hpp"
 
 #include <algorithm>
@@ -49,6 +50,14 @@ public:
         connect();
         if (!dealer_ || dealer_->send(protocol::encode(action.message)) != net::SendStatus::sent)
             not_sent_ = true;
+    }
+    /// And what to do; nothing where there is no telling.
+    [[nodiscard]] std::string why_unreachable() const {
+        const std::string why = net::why_silent(reached_);
+        return why.empty() ? why
+                           : ": " + why +
+                                 " (fraja-broker starts one, -b HOST:PORT names another; "
+                                 "fraja-submit --local does without)";
     }
     [[nodiscard]] bool take_not_sent() { return std::exchange(not_sent_, false); }
 
@@ -176,9 +185,12 @@ private:
     void perform(const A& action) {
         port_.perform(action);
     }
-    void perform(const News& news) {
-        if (const auto* finished = std::get_if<Finished>(&news))
+    void perform(News news) {
+        if (auto* const finished = std::get_if<Finished>(&news)) {
+            if (finished->outcome.code == ExitCode::unreachable)
+                finished->outcome.reason += port_.why_unreachable();
             outcome_ = finished->outcome;
+        }
         listener_.hear(net::now(), news);
     }
 

@@ -100,8 +100,7 @@ void add_picture_options(CLI::App& app, Arguments& a) {
                         ->capture_default_str()
                         ->check(CLI::Range(protocol::samples_min, protocol::samples_max))
                         ->type_name("N");
-    app.add_option("--filter", a.filter,
-                   "Pixel filter of --spp, --error and --time-limit: box or tent")
+    app.add_option("--filter", a.filter, "Pixel filter of --spp, --error and --time-limit")
         ->capture_default_str()
         ->check(CLI::IsMember({"box", "tent"}))
         ->type_name("FILTER");
@@ -118,14 +117,13 @@ void add_job_options(CLI::App& app, Arguments& a) {
     app.add_option("--tile", a.tile, "Side of a tile in pixels, or auto")
         ->capture_default_str()
         ->type_name("N");
-    app.add_option(
-           "--order", a.order,
-           "In which order tiles appear: auto, scan, spiral or diadic; never changes pixels")
+    app.add_option("--order", a.order, "In which order tiles appear; never changes pixels")
         ->capture_default_str()
         ->check(CLI::IsMember({"auto", "scan", "spiral", "diadic"}))
         ->type_name("ORDER");
     app.add_option("-p,--priority", o.priority, "Higher goes first")
         ->capture_default_str()
+        ->check(CLI::Range(INT32_MIN, INT32_MAX))
         ->type_name("N");
     app.add_option("--max-workers", o.wishes.workers_max, "At most so many workers at a time")
         ->default_str("as many as help")

@@ -1,5 +1,6 @@
 #include "client/watch_options.hpp"
 
+#include "client/farm_names.hpp"
 #include "client/tev/packets.hpp"
 #include "common/base/text.hpp"
 #include "common/image_io/picture_file.hpp"
@@ -83,7 +84,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->type_name("FILE");
     shared.add_to(app, watch_name);
     complete_tev(arguments);
-    if (auto early = cli::parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
         return *early;
     auto read = shared.read();
     if (!read)

@@ -1,9 +1,8 @@
 // fraja-worker: reads the options and runs the worker.
 #include "common/base/freed_memory.hpp"
 #include "common/base/guarded.hpp"
-#include "common/base/text.hpp"
 #include "common/base/version.hpp"
-#include "common/cli/command_line.hpp"
+#include "common/cli/parse.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
@@ -45,7 +44,7 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixel
 
 constexpr const char* no_isa = "no instruction set to render with";
 
-enum Exit : int { done = 0, configuration = 2, refused = 4, interrupted = 128 };
+enum Exit : int { done = 0, refused = 4, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
@@ -58,11 +57,10 @@ int usage_error(const std::string& message) {
 }
 
 int fail(const std::string& message) {
-    fmt::print(stderr, "{}: error: {}\n", program, printable(message));
-    return Exit::configuration;
+    return cli::leave(cli::failure(program, message));
 }
 
-void add_options(CLI::App& app, Arguments& arguments) {
+void describe(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
     app.set_version_flag("--version",
                          version_line(program, kernel::instruction_set().value_or(no_isa)));
@@ -71,7 +69,8 @@ void add_options(CLI::App& app, Arguments& arguments) {
                        "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
             ->envname("FRAJA_BROKER")
             ->delimiter(',')
-            ->default_str(net::default_broker);
+            ->default_str(net::default_broker)
+            ->type_name("ENDPOINT");
     const auto listen = [&options, broker](const std::string& endpoint) {
         options.listen = endpoint;
         broker->envname("")->configurable(
@@ -88,11 +87,14 @@ void add_options(CLI::App& app, Arguments& arguments) {
                  "Listen at addresses that other machines reach, without keys");
     app.add_option("-j,--threads", options.threads, "Render threads")
         ->default_str("every CPU this process may use")
-        ->check(CLI::Range(1u, worker::threads_max));
+        ->check(CLI::Range(1u, worker::threads_max))
+        ->type_name("N");
     app.add_option("--name", options.name, "What people see this worker called")
-        ->default_str("HOST:PID");
+        ->default_str("HOST:PID")
+        ->type_name("NAME");
     app.add_option("--tag", options.tags, "K or K=V, for jobs that ask for it; repeatable")
-        ->allow_extra_args(false);
+        ->allow_extra_args(false)
+        ->type_name("K[=V]");
     app.add_option("--emulate", arguments.emulate,
                    "For benchmarks: COUNT workers that answer with true pixels when a machine of "
                    "SPEED rays per second and thread (3500, 3.5k, 2M) would, without its work; "
@@ -195,7 +197,7 @@ int main(int argc, char** argv) try {
     arguments.options.threads = worker::usable_cpu_count();
     arguments.options.name = worker::default_worker_name();
     CLI::App app(examples, program);
-    add_options(app, arguments);
+    describe(app, arguments);
     if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
         return cli::leave(*early);
     worker::WorkerOptions& options = arguments.options;

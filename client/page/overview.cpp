@@ -63,6 +63,7 @@ Result<HttpBody> encode_levels(const LevelsPicture& picture, std::string_view fo
                           .extent = picture.extent,
                           .window = {0, 0, picture.extent.width, picture.extent.height},
                           .pixels = std::span<const std::uint8_t>(picture.rgb),
+                          .channels = {},
                           .attributes = {}});
     if (!bytes)
         return bytes.error();

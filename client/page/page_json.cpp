@@ -1,7 +1,7 @@
 #include "client/page/page_json.hpp"
 
 #include "client/json.hpp"
-#include "client/picture.hpp"
+#include "client/settings_text.hpp"
 
 #include <algorithm>
 #include <fmt/core.h>

@@ -1,4 +1,4 @@
-// Whether a host can be reached at all, before anybody speaks ZeroMQ to it.
+// What a person would try first where nobody answers: is there such a host, does anything listen?
 #pragma once
 
 #include "common/base/instant.hpp"
@@ -9,11 +9,16 @@
 
 namespace fraja::net {
 
+inline constexpr Duration reach_timeout = std::chrono::seconds(1);
+
 /// How long a TCP connection to that port took, to the first of the host's addresses that takes
-/// one; it is closed again. `host` as in Endpoint. Waits for each address as long as `patience`;
+/// one; it is closed again. `host` as in Endpoint. Waits for each address as long as reach_timeout;
 /// looking up a name may take some seconds more. Errors: not_found (no such host), unreachable
-/// (refused, no way there, no answer), in words for a person.
-[[nodiscard]] Result<Duration> reach(const std::string& host, std::uint16_t port,
-                                     Duration patience);
+/// (refused, no way there, no answer).
+[[nodiscard]] Result<Duration> reach(const std::string& host, std::uint16_t port);
+
+/// Why nobody answers at that tcp endpoint: "nothing listens there", "there is no such host".
+/// Empty for other transports. Takes as long as reach().
+[[nodiscard]] std::string why_silent(const std::string& endpoint);
 
 } // namespace fraja::net

@@ -74,10 +74,19 @@ void set_family_for_bind(zmq::socket_t& socket, std::string_view endpoint) {
     socket.set(zmq::sockopt::ipv6, endpoint.find_first_of("[*") != std::string_view::npos);
 }
 
+const char* cure(int error) {
+    return error == EADDRINUSE
+               ? ". Another program has that port, perhaps a broker that runs already; choose "
+                 "another port, or 0: the system's choice"
+           : error == EACCES        ? ". Ports below 1024 are root's; choose another"
+           : error == EADDRNOTAVAIL ? ". This machine has no such address"
+                                    : "";
+}
+
 Error refused(const char* deed, const std::string& endpoint, const zmq::error_t& e) {
     const bool usage = e.num() == EINVAL || e.num() == EPROTONOSUPPORT || e.num() == ENODEV;
     return {usage ? ErrorCode::invalid_argument : ErrorCode::io,
-            std::string("cannot ") + deed + " " + endpoint + ": " + e.what()};
+            std::string("cannot ") + deed + " " + endpoint + ": " + e.what() + cure(e.num())};
 }
 
 void set_linger_of(zmq::socket_t& socket, Duration linger) {

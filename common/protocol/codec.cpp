@@ -301,7 +301,8 @@ Result<Message> decode(std::span<const Blob> frames) {
     if (peer_version != version)
         return Error{ErrorCode::version_mismatch,
                      "the peer speaks protocol version " + std::to_string(peer_version) +
-                         ", this is version " + std::to_string(version)};
+                         ", this is version " + std::to_string(version) +
+                         ": programs of one release fit together"};
     if (header.size() != header_bytes)
         return malformed("header", "a wrong length");
     if (frames.size() < 2)

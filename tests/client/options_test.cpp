@@ -149,7 +149,7 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
         std::string line, named;
     };
     for (const Row& row :
-         {Row{"", "scene"},
+         {Row{"", "SCENE.raj is missing: fraja-submit SCENE.raj"},
           Row{"a.raj b.raj", "b.raj"},
           Row{"a.raj --bogus", "--bogus"},
           Row{"a.raj -r 640", "--size 640"},

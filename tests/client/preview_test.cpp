@@ -5,6 +5,7 @@
 #include "client/preview/sixel.hpp"
 #include "common/base/rng.hpp"
 
+#include <algorithm>
 #include <doctest/doctest.h>
 #include <regex>
 #include <sodium.h>

@@ -4,6 +4,7 @@
 #include <array>
 #include <doctest/doctest.h>
 #include <pty.h>
+#include <sstream>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -183,6 +184,76 @@ TEST_CASE("an interrupted job is taken over with --resume") {
     CHECK(nlohmann::json::parse(client.out()).at("job") == id);
     CHECK((bytes_of(scratch.file("c.png")) ==
            local_picture(scratch, {scene("cone"), "-r", "64x48"})));
+}
+
+TEST_CASE("brokers are listed each for itself, and one that answers is enough") {
+    Farm farm;
+    farm.add_worker("one", {"-j", "2"});
+    const std::string nobody = "tcp://127.0.0.1:1";
+    const auto both = ctl(farm, {"-b", nobody, "--connect-timeout", "300ms", "brokers", "--json"});
+    CHECK(both.exit == 0);
+    std::istringstream lines(both.out);
+    std::string line;
+    REQUIRE(std::getline(lines, line));
+    const auto first = nlohmann::json::parse(line);
+    CHECK(first.at("endpoint") == farm.endpoint());
+    CHECK(first.at("workers").at("threads") == 2);
+    CHECK(first.at("keeps") == false);
+    REQUIRE(std::getline(lines, line));
+    const auto second = nlohmann::json::parse(line);
+    CHECK(second.at("endpoint") == nobody);
+    CHECK_FALSE(second.at("reason").get<std::string>().empty());
+    const auto table = ctl(farm, {"brokers"});
+    CHECK(table.out.find(farm.endpoint() + "  well") != std::string::npos);
+    const auto none = run(
+        {{program("fraja-ctl"), "-b", nobody, "--connect-timeout", "300ms", "brokers"}}, patience);
+    REQUIRE(none.has_value());
+    CHECK(none->exit == 3);
+}
+
+TEST_CASE("stats count what a farm has done") {
+    const Scratch scratch;
+    Farm farm;
+    farm.add_worker("one", {"-j", "2"});
+    REQUIRE(farm.submit({scene("cone"), "-r", "64x48", "-o", scratch.file("a.png")}).exit == 0);
+    const auto stats = ctl(farm, {"stats", "--json"});
+    REQUIRE(stats.exit == 0);
+    const auto json = nlohmann::json::parse(stats.out);
+    CHECK(json.at("jobs").at("done") == 1);
+    CHECK(json.at("tiles").at("done").get<int>() > 0);
+    CHECK(json.at("rays").get<std::uint64_t>() >= 64 * 48);
+    CHECK(ctl(farm, {"stats"}).out.find("jobs over         1 done, 0 failed") != std::string::npos);
+}
+
+TEST_CASE("a doctor finds a farm well, and says what is wrong where it is not") {
+    Farm farm;
+    const auto lonely = ctl(farm, {"doctor"});
+    CHECK(lonely.exit == 0);
+    CHECK(lonely.out.find("-> start one on each machine: fraja-worker") != std::string::npos);
+    farm.add_worker("one", {"-j", "2"});
+    const auto well = ctl(farm, {"doctor", "--json"});
+    CHECK(well.exit == 0);
+    std::istringstream lines(well.out);
+    for (std::string line; std::getline(lines, line);) {
+        const auto finding = nlohmann::json::parse(line);
+        CAPTURE(line);
+        CHECK(finding.at("schema") == "fraja.finding/1");
+        CHECK(finding.at("grade") != "bad");
+    }
+    const auto examine = [](const std::string& broker) {
+        auto result = run({{program("fraja-ctl"), "-b", broker, "doctor"}}, patience);
+        REQUIRE(result.has_value());
+        return std::move(*result);
+    };
+    const auto nobody = examine("tcp://127.0.0.1:1");
+    CHECK(nobody.exit == 3);
+    CHECK(nobody.out.find("nothing listens there\n") != std::string::npos);
+    CHECK(nobody.out.find("-> start one: fraja-broker --bind tcp://127.0.0.1:1\n") !=
+          std::string::npos);
+    const auto no_host = examine("no-such-host.invalid");
+    CHECK(no_host.exit == 3);
+    CHECK(no_host.out.find("no-such-host.invalid") != std::string::npos);
+    CHECK(no_host.out.find("-> look for a typing error") != std::string::npos);
 }
 
 } // namespace

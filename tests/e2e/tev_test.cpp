@@ -1,3 +1,4 @@
+#include "common/image_io/picture_file.hpp"
 #include "common/net/clock.hpp"
 #include "tests/e2e/farm.hpp"
 

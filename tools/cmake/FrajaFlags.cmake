@@ -1,6 +1,7 @@
 # fraja_flags: the warnings, the language and the floating-point rules every target is built with.
 option(FRAJA_WERROR "Treat warnings as errors (CI does)" OFF)
 set(FRAJA_SANITIZE "" CACHE STRING "Sanitizers to build with: address,undefined or thread")
+set(FRAJA_MAINTAINER "Fraja maintainers <maintainers@fraja.invalid>" CACHE STRING "Who answers for packages")
 option(FRAJA_FUZZ "Link tests/fuzz with Clang's libFuzzer (preset fuzz)" OFF)
 
 add_library(fraja_flags INTERFACE)

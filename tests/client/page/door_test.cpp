@@ -88,7 +88,7 @@ TEST_CASE("off loopback the page wants its token, once in the address and then a
          {Row{"fraja_page_50060=0123456789abcdef", 200},
           Row{"a=b; fraja_page_50060=0123456789abcdef; c=d", 200},
           Row{"fraja_page_50060=0123456789abcde", 401},
-          Row{"fraja_page_50060=0123456789abcdef", 401}, // another page's
+          Row{"fraja_page_50061=0123456789abcdef", 401}, // another page's
           Row{"xfraja_page_50060=0123456789abcdef", 401}, Row{"fraja_page_50060=", 401},
           Row{"fraja_page_50060", 401}, Row{";;; =;", 401}}) {
         CAPTURE(row.cookies);

@@ -1,5 +1,6 @@
-#include "common/cli/command_line.hpp"
+#include "common/cli/settings.hpp"
 
+#include "common/cli/parse.hpp"
 #include "tests/support/folder.hpp"
 
 #include <CLI/CLI.hpp>
@@ -13,14 +14,14 @@ using namespace fraja;
 namespace {
 
 /// A program of a few options.
-struct Program {
+struct Tool {
     CLI::App app{"What it does", "fraja-submit"};
     std::vector<std::string> brokers;
     std::string color = "auto";
     unsigned aa = 0, spp = 0;
     bool json = false;
 
-    Program() {
+    Tool() {
         app.add_option("-b,--broker", brokers)->delimiter(',')->envname("FRAJA_TEST_BROKER");
         app.add_option("--color", color)->check(CLI::IsMember({"auto", "always", "never"}));
         CLI::Option* const regular = app.add_option("-a,--aa", aa);
@@ -37,21 +38,21 @@ TEST_CASE("an option on the command line goes before the environment, and that b
         folder.write("own.toml", "broker = 'own'\njson = true\n"),
         folder.write("all.toml", "broker = 'all'\njson = false\ncolor = 'never'\n")};
     {
-        Program p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, files).has_value());
+        Tool p;
+        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"own"});
         CHECK(p.json);
         CHECK(p.color == "never");
     }
     setenv("FRAJA_TEST_BROKER", "c,d", 1);
     {
-        Program p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, files).has_value());
+        Tool p;
+        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"c", "d"});
     }
     {
-        Program p;
-        REQUIRE_FALSE(cli::parse(p.app, {"-b", "e", "--color", "always"}, files).has_value());
+        Tool p;
+        REQUIRE_FALSE(cli::parse(p.app, {"-b", "e", "--color", "always"}, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"e"});
         CHECK(p.color == "always");
     }
@@ -62,33 +63,33 @@ TEST_CASE("what is typed outdoes a setting that it excludes") {
     const Folder folder;
     const std::vector files = {folder.write("a.toml", "[fraja-submit]\naa = 4\n")};
     {
-        Program p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, files).has_value());
+        Tool p;
+        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
         CHECK(p.aa == 4);
     }
     {
-        Program p;
-        REQUIRE_FALSE(cli::parse(p.app, {"--spp", "16"}, files).has_value());
+        Tool p;
+        REQUIRE_FALSE(cli::parse(p.app, {"--spp", "16"}, {}, files).has_value());
         CHECK(p.aa == 0);
         CHECK(p.spp == 16);
     }
     {
-        Program p;
+        Tool p;
         p.app.get_option("--aa")->configurable(false);
-        REQUIRE_FALSE(cli::parse(p.app, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
         CHECK(p.aa == 0);
     }
 }
 
 TEST_CASE("a setting is checked as what is typed is, and named with its place") {
     const Folder folder;
-    Program p;
+    Tool p;
     const auto exit =
-        cli::parse(p.app, {}, {folder.write("config.toml", "\ncolor = 'sometimes'\n")});
+        cli::parse(p.app, {}, {}, {folder.write("config.toml", "\ncolor = 'sometimes'\n")});
     REQUIRE(exit.has_value());
     CHECK(exit->code == 2);
     CHECK(exit->text.starts_with("fraja-submit: error: " + folder.path.string() +
-                                 "/config.toml:2:1: --color: sometimes"));
+                                 "/config.toml:2:1: --color sometimes: "));
 }
 
 TEST_CASE("settings are looked for in the user's folder and then in the system's") {

@@ -1,0 +1,156 @@
+#include "common/cli/mistakes.hpp"
+
+#include "common/base/text.hpp"
+#include "common/cli/option_card.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <optional>
+#include <string_view>
+
+namespace fraja::cli {
+namespace {
+
+/// What people know of the next versions.
+constexpr const char* no_keys_yet =
+    ": this version has no keys yet; between machines it is used on "
+    "a network that is trusted, with --insecure";
+
+/// " (did you mean '--priority'?)", or nothing: a name that was not finished, or a slip of the
+/// fingers.
+std::string meant(const std::string& word, const std::vector<std::string>& names) {
+    const std::vector<std::string_view> views(names.begin(), names.end());
+    const auto begun =
+        std::ranges::find_if(views, [&](std::string_view name) { return name.starts_with(word); });
+    const auto near = begun != views.end() ? std::optional(*begun) : nearest_name(word, views);
+    return near && word.size() > 2 ? " (did you mean '" + std::string(*near) + "'?)" : "";
+}
+
+std::vector<std::string> commands_of(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const CLI::App* sub : app.get_subcommands([](const CLI::App*) { return true; }))
+        names.push_back(sub->get_name());
+    return names;
+}
+
+/// Of the app and of the command that was typed.
+std::vector<std::string> all_names(const CLI::App& app) {
+    std::vector<std::string> names = names_of(cards_of(app));
+    for (const CLI::App* sub : app.get_subcommands())
+        std::ranges::copy(names_of(cards_of(*sub)), std::back_inserter(names));
+    return names;
+}
+
+/// What nobody asked for.
+std::optional<std::string> of_extras(const CLI::App& app) {
+    const std::vector<std::string> extras = app.remaining(true);
+    const auto dashed = std::ranges::find_if(
+        extras, [](const std::string& word) { return word.size() > 1 && word[0] == '-'; });
+    if (dashed != extras.end()) {
+        const std::string name = dashed->substr(0, dashed->find('='));
+        return "there is no option '" + name + "'" +
+               (name == "--key-file" ? no_keys_yet : meant(name, all_names(app)));
+    }
+    if (extras.empty())
+        return std::nullopt;
+    if (app.get_subcommands().empty() && !commands_of(app).empty())
+        return "there is no command '" + extras[0] + "'" + meant(extras[0], commands_of(app));
+    return "'" + extras[0] + "' is one argument too many";
+}
+
+/// The option that the error is about: CLI11 says its name at the start, or after a colon.
+const CLI::Option* option_of(const CLI::App& app, std::string_view what) {
+    for (const std::string_view lead : {"", "Could not convert: "}) {
+        if (!what.starts_with(lead))
+            continue;
+        std::string_view name = what.substr(lead.size());
+        name = name.substr(0, name.find_first_of(": "));
+        if (const auto* option = app.get_option_no_throw(std::string(name)))
+            return option;
+        for (const CLI::App* sub : app.get_subcommands())
+            if (const auto* option = sub->get_option_no_throw(std::string(name)))
+                return option;
+    }
+    return nullptr;
+}
+
+bool was_typed(const OptionCard& card, const std::vector<std::string>& typed) {
+    return card.names.empty() || std::ranges::any_of(typed, [&](const std::string& word) {
+               return std::ranges::any_of(card.names, [&](const std::string& name) {
+                   return name.size() == 2 ? word.starts_with(name)
+                                           : word.substr(0, word.find('=')) == name;
+               });
+           });
+}
+
+/// "--depth -1", or "FRAJA_DEPTH=-1" where that said it. Of several values the one that CLI11
+/// complains about.
+std::string as_given(const OptionCard& card, const CLI::Option& option, std::string_view what,
+                     const std::vector<std::string>& typed) {
+    std::string value;
+    for (const std::string& result : option.results())
+        if (value.empty() || what.find(" " + result + " ") != std::string_view::npos)
+            value = result;
+    const std::string shown(clipped(value, 200));
+    if (!was_typed(card, typed) && !card.variable.empty())
+        return card.variable + "=" + shown + " in the environment";
+    return card.names.empty() ? card.value + " '" + shown + "'" : card.name() + " " + shown;
+}
+
+/// "fraja-ctl prio JOB N"
+std::string usage_of(const CLI::App& app) {
+    const CLI::App* active = &app;
+    std::string usage = app.get_name();
+    for (const CLI::App* command : app.get_subcommands()) {
+        active = command;
+        usage += " " + command->get_name();
+    }
+    for (const OptionCard& card : cards_of(*active))
+        if (card.names.empty())
+            usage += " " + card.value;
+    return usage;
+}
+
+std::string of_value(const OptionCard& card, const CLI::Option& option, std::string_view what,
+                     const std::vector<std::string>& typed) {
+    const std::string given = as_given(card, option, what, typed) + ": ";
+    if (!card.choices.empty())
+        return given + card.allowed() + meant(option.results().back(), card.choices);
+    if (!card.range.empty())
+        return given + "a number is needed, " + card.range;
+    if (!card.takes_value())
+        return card.name() + " takes no value";
+    return given + "cannot be read as " + card.value;
+}
+
+} // namespace
+
+std::string mistake(const CLI::App& app, const CLI::ParseError& error,
+                    const std::vector<std::string>& typed) {
+    if (const auto extra = of_extras(app))
+        return *extra;
+    const std::string what = error.what();
+    const auto is = [&](const char* name) { return error.get_name() == name; };
+    const CLI::Option* option = option_of(app, what);
+    if (is("RequiredError") && !option)
+        return "a command is needed: " + list_of(commands_of(app));
+    if (!option)
+        return what;
+    const OptionCard card = card_of(*option);
+    if (is("RequiredError"))
+        return card.name() + " is missing: " + usage_of(app);
+    if (is("ArgumentMismatch")) {
+        if (what.find("At Most") != std::string::npos)
+            return card.name() + " is given twice";
+        return card.takes_value() ? card.name() + " needs a value: " + card.value
+                                  : card.name() + " takes no value";
+    }
+    const std::string other = what.substr(what.rfind(' ') + 1);
+    if (is("ExcludesError"))
+        return card.name() + " and " + other + " exclude each other: give one of them";
+    if (is("RequiresError"))
+        return card.name() + " is of no use without " + other;
+    return of_value(card, *option, what, typed);
+}
+
+} // namespace fraja::cli

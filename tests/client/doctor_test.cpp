@@ -1,0 +1,104 @@
+#include "client/doctor.hpp"
+
+#include "common/base/version.hpp"
+
+#include <algorithm>
+#include <doctest/doctest.h>
+#include <string>
+
+using namespace fraja;
+using namespace fraja::client;
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr Duration noon = 20'000 * 24h + 12h; // since 1970
+
+protocol::FarmState healthy() {
+    protocol::FarmState farm;
+    farm.broker.program_version = std::string(version);
+    farm.broker.unix_time = noon;
+    farm.broker.keeps = true;
+    farm.broker.workers = 2;
+    farm.broker.threads = 8;
+    return farm;
+}
+
+/// What is said of it; a default one where nothing is.
+Finding about(const std::string& subject, const protocol::FarmState& farm) {
+    const auto findings = examine_farm(farm, noon);
+    const auto found = std::ranges::find(findings, subject, &Finding::subject);
+    return found == findings.end() ? Finding{} : *found;
+}
+
+} // namespace
+
+TEST_CASE("a doctor finds nothing wrong with a farm that is well") {
+    for (const Finding& finding : examine_farm(healthy(), noon + 1s)) {
+        CAPTURE(finding.text);
+        CHECK(finding.grade == Finding::Grade::good);
+        CHECK(finding.cure.empty());
+    }
+}
+
+TEST_CASE("a doctor finds what is wrong with a farm, and knows a cure") {
+    struct Row {
+        const char* subject;
+        Finding::Grade grade;
+        const char* text; ///< a part of it
+        void (*harm)(protocol::BrokerState&);
+    };
+    using B = protocol::BrokerState;
+    using enum Finding::Grade;
+    for (const Row& row : {
+             Row{"version", doubtful, "the broker's is 0.0.9",
+                 [](B& b) { b.program_version = "0.0.9"; }},
+             Row{"clocks", doubtful, "1:00 behind the broker's", [](B& b) { b.unix_time += 1min; }},
+             Row{"clocks", doubtful, "2:00:00 ahead of the broker's",
+                 [](B& b) { b.unix_time -= 2h; }},
+             Row{"store", bad, "disk full", [](B& b) { b.trouble = "disk full"; }},
+             Row{"workers", doubtful, "there is none", [](B& b) { b.workers = b.threads = 0; }},
+             Row{"workers", doubtful, "none of the 2 may", [](B& b) { b.threads = 0; }},
+             Row{"jobs", doubtful, "3 wait", [](B& b) { b.jobs_ready = 3; }},
+         }) {
+        CAPTURE(row.text);
+        auto farm = healthy();
+        row.harm(farm.broker);
+        const Finding finding = about(row.subject, farm);
+        CHECK(finding.grade == row.grade);
+        CHECK(finding.text.find(row.text) != std::string::npos);
+        CHECK_FALSE(finding.cure.empty());
+    }
+}
+
+TEST_CASE("clocks that differ by no more than the limit agree") {
+    auto farm = healthy();
+    farm.broker.unix_time = noon + clock_skew_max;
+    CHECK(about("clocks", farm).grade == Finding::Grade::good);
+    farm.broker.unix_time = noon - clock_skew_max - 1ns;
+    CHECK(about("clocks", farm).grade == Finding::Grade::doubtful);
+}
+
+TEST_CASE("jobs that wait while tiles are drawn are no finding") {
+    auto farm = healthy();
+    farm.broker.jobs_ready = 3;
+    farm.broker.tiles_in_flight = 1;
+    CHECK(about("jobs", farm) == Finding{});
+}
+
+TEST_CASE("a doctor looks at every side of this machine") {
+    const auto findings = examine_machine();
+    for (const char* subject : {"settings", "processors", "limits", "pictures", "folder", "state"})
+        CHECK(std::ranges::count(findings, subject, &Finding::subject) == 1);
+}
+
+TEST_CASE("findings are lines, with what to do below") {
+    CHECK(findings_page({{Finding::Grade::good, "a", "is well", {}}},
+                        {{Finding::Grade::bad, "longer", "is not", "do this"},
+                         {Finding::Grade::doubtful, "b", "may be", {}}}) ==
+          "ok  a       is well\n"
+          "\n"
+          "BAD longer  is not\n"
+          "            -> do this\n"
+          "hm  b       may be\n");
+}

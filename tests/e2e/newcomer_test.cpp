@@ -1,0 +1,319 @@
+// The first hour with Fraja: whatever goes wrong says what happened, where, and what to do.
+#include "common/net/sockets.hpp"
+#include "tests/e2e/farm.hpp"
+
+#include <algorithm>
+#include <arpa/inet.h>
+#include <csignal>
+#include <fstream>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+namespace {
+
+/// A mistake, and what must be said of it.
+struct Mistake {
+    Words argv; ///< the program's name first
+    int exit;
+    Words says;
+    int lines = 1;
+};
+
+/// So many lines, on standard error alone, in words of ours.
+void check(const Mistake& mistake, const std::string& launcher = {}) {
+    Words argv = mistake.argv;
+    argv[0] = program(argv[0].c_str());
+    Words whole = launcher.empty() ? Words{} : Words{"sh", "-c", launcher + " \"$@\"", "sh"};
+    std::string typed;
+    for (const std::string& word : mistake.argv)
+        typed += word + " ";
+    CAPTURE(typed);
+    const auto result = run({with(std::move(whole), argv)}, patience);
+    REQUIRE(result.has_value());
+    CAPTURE(result->err);
+    CHECK(result->exit == mistake.exit);
+    CHECK(result->out.empty());
+    CHECK(std::ranges::count(result->err, '\n') == mistake.lines);
+    for (const std::string& words : mistake.says) {
+        CAPTURE(words);
+        CHECK(contains(result->err, words));
+    }
+    for (const char* jargon : {"TEXT", "UINT", "FLOAT", "not in {", "Run with", "not expected",
+                               "terminate", "what()", "std::", "zmq", "Errno"})
+        CHECK_FALSE(contains(result->err, jargon));
+}
+
+void check(const std::vector<Mistake>& mistakes) {
+    for (const Mistake& mistake : mistakes)
+        check(mistake);
+}
+
+/// A port where something listens that never says anything.
+class OtherProgram {
+public:
+    OtherProgram() : fd_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+        sockaddr_in address{};
+        address.sin_family = AF_INET;
+        address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        socklen_t size = sizeof address;
+        REQUIRE(bind(fd_, reinterpret_cast<const sockaddr*>(&address), size) == 0);
+        REQUIRE(listen(fd_, 8) == 0);
+        REQUIRE(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size) == 0);
+        endpoint_ = "tcp://127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+    }
+    ~OtherProgram() { close(fd_); }
+    OtherProgram(const OtherProgram&) = delete;
+    OtherProgram& operator=(const OtherProgram&) = delete;
+    [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
+
+private:
+    int fd_;
+    std::string endpoint_;
+};
+
+const Words soon = {"--connect-timeout", "300ms"};
+const Words any_ports = {"--bind", "tcp://127.0.0.1:0", "--publish", "tcp://127.0.0.1:0"};
+
+} // namespace
+
+TEST_CASE("no broker: what is there instead, and three ways on") {
+    const OtherProgram other;
+    const Words cures = {"fraja-broker starts one", "-b HOST:PORT", "--local"};
+    for (const Words& argv : {Words{"fraja-submit", scene("cone"), "-o", "/tmp/never.png"},
+                              Words{"fraja-watch"}, Words{"fraja-ctl", "jobs"}}) {
+        check({{with(with(argv, soon), {"-b", "tcp://127.0.0.1:1"}), 3,
+                with(cures, {"tcp://127.0.0.1:1", "nothing listens there"})},
+               {with(with(argv, soon), {"-b", other.endpoint()}), 3,
+                with(cures, {other.endpoint(), "does not answer as a broker does"})},
+               {with(with(argv, soon), {"-b", "no-such-host.invalid"}), 3,
+                with(cures, {"no-such-host.invalid:50057: ", "host 'no-such-host.invalid'"})}});
+    }
+}
+
+TEST_CASE("a scene that is none") {
+    const Scratch scratch;
+    const auto file = [&](const std::string& name, const std::string& text) {
+        std::ofstream(scratch.file(name)) << text;
+        return scratch.file(name);
+    };
+    const auto local = [&](const std::string& path) {
+        return Words{"fraja-submit", "--local", path, "-o", scratch.file("x.png")};
+    };
+    std::string typo = bytes_of(scene("overlapping_spheres"));
+    typo.replace(typo.find("radius"), 6, "raduis");
+    const std::string picture = FRAJA_SOURCE_DIR "/scenes/overlapping_spheres.png";
+    check({
+        {local("no-such.raj"),
+         2,
+         {"no-such.raj: there is no such file in " + fs::current_path().string()}},
+        {local(scratch.file("")), 2, {"this is a directory", "scenes/cone.raj"}},
+        {local(picture), 2, {picture + ": this is no scene", "raja.renderer.Scene"}},
+        {local(file("empty.raj", "")), 2, {"empty.raj:1:1: unexpected end of the file"}},
+        {local(file("words.raj", "hello")), 2, {"words.raj:1:1: ", "hello"}},
+        {local(file("typo.raj", typo)),
+         2,
+         {"typo.raj:", "no field 'raduis'", "did you mean 'radius'?"}},
+    });
+}
+
+TEST_CASE("an output that cannot be written, before anything is rendered") {
+    const Scratch scratch;
+    const auto into = [&](const std::string& path) {
+        return Words{"fraja-submit", "--local", scene("cone"), "-o", path};
+    };
+    check({
+        {into("/no/such/directory/x.png"), 2, {"x.png: there is no directory /no/such/directory"}},
+        {into("/proc/x.png"), 2, {"/proc/x.png: no file can be made there"}},
+        {into(scratch.file("")), 2, {"extension", ".png"}},
+        {into(scratch.file("x.pgn")), 2, {"x.pgn: unknown extension", "did you mean '.png'?"}},
+        {into(scratch.file("x")), 2, {"extension", ".png", ".exr"}},
+        {into(scratch.file("x%04d.png")), 2, {"--output", "--travel FILE"}},
+    });
+    fs::create_directory(scratch.file("d.png"));
+    check({{into(scratch.file("d.png")), 2, {"d.png: this is a directory"}}});
+}
+
+TEST_CASE("an option with a typing slip, or without what it needs") {
+    const std::string cone = scene("cone");
+    check({
+        {{"fraja-submit", cone, "--prioritty", "3"},
+         2,
+         {"'--prioritty'", "did you mean '--priority'?", "fraja-submit --help"}},
+        {{"fraja-submit", "--locl", cone}, 2, {"'--locl'", "did you mean '--local'?"}},
+        {{"fraja-submit"}, 2, {"SCENE.raj is missing: fraja-submit SCENE.raj"}},
+        {{"fraja-submit", cone, "x.png"}, 2, {"'x.png' is one argument too many"}},
+        {{"fraja-submit", cone, "--size"}, 2, {"--size needs a value: WxH"}},
+        {{"fraja-submit", cone, "--detach", "-o", "x.png"},
+         2,
+         {"--detach", "fraja-ctl get JOB -o FILE"}},
+        {{"fraja-submit", cone, "--key-file", "k"},
+         2,
+         {"'--key-file'", "no keys yet", "--insecure"}},
+        {{"fraja-broker", "--key-file", "k"}, 2, {"'--key-file'", "no keys yet", "--insecure"}},
+        {{"fraja-worker", "--thread", "2"}, 2, {"'--thread'", "did you mean '--threads'?"}},
+        {{"fraja-watch", "--onec"}, 2, {"'--onec'", "did you mean '--once'?"}},
+        {{"fraja-ctl", "cancle", "cone"},
+         2,
+         {"there is no command 'cancle'", "did you mean 'cancel'?"}},
+        {{"fraja-ctl"}, 2, {"a command is needed: jobs, "}},
+        {{"fraja-ctl", "show"}, 2, {"JOB is missing: fraja-ctl show JOB"}},
+    });
+}
+
+TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
+    const auto with_scene = [](const Words& words) {
+        return with({"fraja-submit", scene("cone")}, words);
+    };
+    check({
+        {with_scene({"--timeout", "soon"}), 2, {"--timeout soon: ", "90, 90s, 5m or 1h30m"}},
+        {with_scene({"--size", "640"}), 2, {"--size 640: ", "640x480"}},
+        {with_scene({"--crop", "1,2"}), 2, {"--crop 1,2: ", "X,Y,W,H"}},
+        {with_scene({"--depth", "-1"}), 2, {"--depth -1: a number is needed, 0 to 1000000"}},
+        {with_scene({"--error", "little"}), 2, {"--error little: a number is needed"}},
+        {with_scene({"--kernel", "quick"}), 2, {"--kernel quick: fast or reference"}},
+        {with_scene({"--spp", "4", "--aa", "2"}), 2, {"--aa and --spp exclude each other"}},
+        {with_scene({"-b", "http://farm"}), 2, {"--broker: endpoint 'http://farm'", "tcp, ipc"}},
+        {with_scene({"-b", "farm:99999"}), 2, {"--broker: endpoint 'farm:99999'", "0 to 65535"}},
+        {{"fraja-broker", "--heartbeat", "often"}, 2, {"--heartbeat often: ", "as 1s"}},
+        {{"fraja-broker", "--quarantine", "3"}, 2, {"--quarantine 3: ", "as 3/10m"}},
+        {{"fraja-broker", "--keep", "forever"}, 2, {"--keep forever: ", "as 7d"}},
+        {{"fraja-broker", "--bind", "tcp://127.0.0.1:80x", "--state", "none"},
+         2,
+         {"--bind: endpoint ", "0 to 65535"}},
+        {{"fraja-worker", "--threads", "0"}, 2, {"--threads 0: a number is needed, 1 to 2048"}},
+        {{"fraja-worker", "--emulate", "3"}, 2, {"--emulate 3: COUNT@SPEED", "16@3.5k"}},
+        {{"fraja-watch", "cone", "--until", "later"},
+         2,
+         {"--until later: done, first, or a share as 50%"}},
+        {{"fraja-ctl", "prio", "cone", "high"}, 2, {"N 'high': a number is needed"}},
+    });
+}
+
+TEST_CASE("a broker that cannot start") {
+    const OtherProgram other;
+    const Scratch scratch;
+    Farm farm({"--state", scratch.file("kept")});
+    const Words unkept = {"--state", "none"};
+    check({
+        {with({"fraja-broker", "--bind", other.endpoint()}, unkept),
+         2,
+         {"--bind: cannot listen at " + other.endpoint(), "perhaps a broker that runs already",
+          "another port"}},
+        {with({"fraja-broker", "--bind", "tcp://127.0.0.1:0", "--publish", other.endpoint()},
+              unkept),
+         2,
+         {"--publish: cannot publish at " + other.endpoint(), "another port"}},
+        {with({"fraja-broker", "--bind", "tcp://192.0.2.1:50057", "--insecure"}, unkept),
+         2,
+         {"--bind: ", "tcp://192.0.2.1:50057", "no such address"}},
+        {with({"fraja-broker", "--bind", "tcp://*:0"}, unkept),
+         2,
+         {"tcp://*:0", "--insecure", "loopback"}},
+        {with(with({"fraja-broker"}, any_ports), {"--state", scratch.file("kept")}),
+         2,
+         {scratch.file("kept"),
+          "another fraja-broker is using it (process " + std::to_string(farm.broker().pid()) + ")",
+          "another --state"}},
+        {with(with({"fraja-broker"}, any_ports), {"--state", scene("cone")}),
+         2,
+         {scene("cone"), "no directory", "--state"}},
+        {{"fraja-worker", "--listen", "tcp://*:0"}, 2, {"--listen: ", "--insecure", "loopback"}},
+        {{"fraja-worker", "--listen", other.endpoint()},
+         2,
+         {"cannot listen at " + other.endpoint(), "another port"},
+         2}, // it has said who it is
+    });
+}
+
+TEST_CASE("who has no permission is told where, and what else there is") {
+    const std::string nobody =
+        geteuid() == 0 ? "exec setpriv --reuid 65534 --regid 65534 --clear-groups" : "exec";
+    const auto can_run =
+        run({{"sh", "-c", nobody + " " + program("fraja-broker") + " --version"}}, patience);
+    if (!can_run.has_value() || can_run->exit != 0) {
+        MESSAGE("nobody cannot run the programs here: permissions are NOT tested");
+        return;
+    }
+    const Scratch scratch; // another's
+    fs::permissions(scratch.file(""), fs::perms::owner_exec | fs::perms::others_exec);
+    check({with(with({"fraja-broker"}, any_ports), {"--state", scratch.file("kept")}),
+           2,
+           {scratch.file("kept"), "Permission denied", "--state"}},
+          nobody);
+    check({{"fraja-submit", "--local", scene("cone"), "-o", scratch.file("x.png")},
+           2,
+           {scratch.file("x.png"), "no file can be made there: Permission denied"}},
+          nobody);
+    check(
+        {{"fraja-submit", "--local", "/proc/1/mem", "-o", "/dev/null/x.png"}, 2, {"/proc/1/mem: "}},
+        nobody);
+    fs::permissions(scratch.file(""), fs::perms::owner_all);
+}
+
+TEST_CASE("jobs and workers that are not there, or are several") {
+    Farm farm;
+    const auto ctl = [&](const Words& words) {
+        return with({"fraja-ctl", "-b", farm.endpoint()}, words);
+    };
+    check({
+        {ctl({"show", "nope"}), 6, {"there is no job 'nope'"}},
+        {ctl({"get", "nope", "-o", "/tmp/never.png"}), 6, {"there is no job 'nope'"}},
+        {ctl({"drain", "nope"}), 6, {"there is no worker 'nope'"}},
+        {{"fraja-watch", "-b", farm.endpoint(), "nope"}, 6, {"there is no job 'nope'"}},
+    });
+    std::string twice; // of seventeen ids two begin alike
+    std::set<char> begun;
+    while (twice.empty())
+        if (const char first = farm.detach({scene("cone"), "-r", "8x6"})[0];
+            !begun.insert(first).second)
+            twice = first;
+    check({
+        {ctl({"show", twice}), 2, {"'" + twice + "' fits 2 jobs", "give more of the id"}},
+        {ctl({"cancel", "cone"}), 2, {"--yes", "cancel cone #"}},
+        {ctl({"kick", "ada"}), 2, {"--yes", "kick ada"}},
+        {ctl({"get", "cone", "-o", "/no/such/x.png"}), 2, {"there is no directory /no/such"}},
+        {ctl({"get", "cone"}), 2, {"--output is missing"}},
+    });
+}
+
+TEST_CASE("a broker of another release") {
+    const net::Context context;
+    auto broker = net::RouterSocket::bind(context, "tcp://127.0.0.1:0");
+    REQUIRE(broker.has_value());
+    for (const Words& words : {Words{"fraja-ctl", "jobs"}, Words{"fraja-worker"}}) {
+        CAPTURE(words[0]);
+        auto process = Process::start({with({program(words[0].c_str()), "-b", broker->endpoint()},
+                                            {words.begin() + 1, words.end()})});
+        REQUIRE(process.has_value());
+        std::optional<net::RoutedMessage> hello;
+        while (!(hello = broker->receive()))
+            net::wait({*broker}, 1s);
+        protocol::Packet answer = protocol::encode(protocol::Beat{});
+        answer.header[4] ^= std::byte{0x40}; // the version's low byte
+        broker->send(hello->peer, answer);
+        CHECK(process->wait_for_exit(patience) == 4);
+        INFO(process->story());
+        for (const char* said : {"speaks protocol version ", ", this is version ", "one release"})
+            CHECK(contains(process->err(), said));
+        while (broker->receive()) {
+        }
+    }
+}
+
+TEST_CASE("a client that is told to end says so by its exit code, and the job goes on") {
+    const Scratch scratch;
+    Farm farm;
+    for (const auto& [signal, code] : {std::pair{SIGINT, 130}, std::pair{SIGTERM, 143}}) {
+        Process client =
+            farm.start_submit({scene("cone"), "-r", "8x6", "-o", scratch.file("x.png")});
+        REQUIRE(client.wait_for_words(Process::Stream::err, ": job ", patience).has_value());
+        client.send(signal);
+        CHECK(client.wait_for_exit(patience) == code);
+        CHECK(contains(client.err(), "fraja-watch"));
+        CHECK(contains(client.err(), "fraja-ctl"));
+    }
+}
