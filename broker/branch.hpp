@@ -31,6 +31,7 @@ public:
     void perform(worker::SessionIndex session, const worker::ForgetScene& action) override;
     [[nodiscard]] std::vector<worker::PoolResult> take_results() override;
     [[nodiscard]] Instant next_deadline() const override { return Instant::never(); }
+    [[nodiscard]] bool is_idle() const override { return orders_.empty(); }
     [[nodiscard]] std::vector<worker::TileProgress>
     progress(worker::SessionIndex session) const override;
 

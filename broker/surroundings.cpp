@@ -1,6 +1,7 @@
 #include "broker/surroundings.hpp"
 
 #include "broker/store_schema.hpp"
+#include "common/base/resident_memory.hpp"
 #include "common/net/clock.hpp"
 
 #include <algorithm>
@@ -17,14 +18,6 @@ namespace fraja::broker {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::uint64_t resident_bytes() {
-    std::ifstream file("/proc/self/statm");
-    std::uint64_t size = 0, resident = 0;
-    if (!(file >> size >> resident))
-        return 0;
-    return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
-}
 
 std::uint64_t open_fds() {
     std::error_code trouble;

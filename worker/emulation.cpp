@@ -157,6 +157,10 @@ Instant EmulatedPool::next_deadline() const {
     return results_.empty() ? timetable_.next_deadline() : Instant{};
 }
 
+bool EmulatedPool::is_idle() const {
+    return running_.empty() && results_.empty() && being_drawn_.empty() && painter_.is_idle();
+}
+
 std::vector<TileProgress> EmulatedPool::progress(SessionIndex session) const {
     std::vector<TileProgress> progress = timetable_.progress(options_.clock(), session);
     // Of no more tiles than there are threads: the broker lets those wait that have never moved.

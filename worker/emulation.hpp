@@ -56,6 +56,7 @@ public:
 
     [[nodiscard]] std::vector<PoolResult> take_results() override;
     [[nodiscard]] Instant next_deadline() const override;
+    [[nodiscard]] bool is_idle() const override;
     /// A tile that waits for its picture tells how many hundredths of that are there.
     [[nodiscard]] std::vector<TileProgress> progress(SessionIndex session) const override;
 

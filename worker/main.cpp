@@ -1,6 +1,8 @@
 // fraja-worker: reads the options and runs the worker.
 #include "common/base/freed_memory.hpp"
 #include "common/base/guarded.hpp"
+#include "common/base/resident_memory.hpp"
+#include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
 #include "common/net/clock.hpp"
@@ -9,10 +11,12 @@
 #include "common/render/kernel/render.hpp"
 #include "common/service/logger.hpp"
 #include "common/service/notifier.hpp"
+#include "worker/duty.hpp"
 #include "worker/shell.hpp"
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -20,6 +24,8 @@
 #include <fmt/core.h>
 #include <optional>
 #include <string>
+#include <sys/resource.h>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -44,11 +50,15 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixel
 
 constexpr const char* no_isa = "no instruction set to render with";
 
-enum Exit : int { done = 0, refused = 4, interrupted = 128 };
+enum Exit : int { done = 0, refused = 4, start_again = 75, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
+    worker::DutyTerms duty;
+    std::optional<worker::Hours> hours;
     std::vector<std::string> emulate;
+    std::string hours_text, idle_exit, max_memory;
+    int niceness = 0;
     service::LogOptions log;
 };
 
@@ -102,7 +112,46 @@ void describe(CLI::App& app, Arguments& arguments) {
                    "N; repeatable")
         ->type_name("COUNT@SPEED")
         ->allow_extra_args(false);
+    app.add_option("--hours", arguments.hours_text,
+                   "Serve in these hours of the day alone; otherwise rest, and come back")
+        ->type_name("20:00-08:00");
+    app.add_option("--idle-exit", arguments.idle_exit, "Leave after so long without a tile")
+        ->type_name("T");
+    app.add_flag("--once", arguments.duty.once, "Leave when the first work is over");
+    app.add_option("--max-memory", arguments.max_memory,
+                   "Having grown beyond it, finish the tiles at hand and leave with exit 75, to be "
+                   "started again")
+        ->type_name("SIZE");
+    app.add_option("--nice", arguments.niceness, "Of the machine's other work this one goes behind")
+        ->check(CLI::Range(0, 19))
+        ->default_str("0")
+        ->type_name("N");
     service::add_log_options(app, arguments.log);
+}
+
+Result<void> read_duty(Arguments& arguments) {
+    if (!arguments.hours_text.empty()) {
+        arguments.hours = worker::parse_hours(arguments.hours_text);
+        if (!arguments.hours)
+            return Error{ErrorCode::invalid_argument,
+                         "--hours " + arguments.hours_text +
+                             ": from a time to another, as 20:00-08:00"};
+    }
+    if (!arguments.idle_exit.empty()) {
+        arguments.duty.idle_exit = parse_duration(arguments.idle_exit);
+        if (!arguments.duty.idle_exit || *arguments.duty.idle_exit <= Duration::zero())
+            return Error{ErrorCode::invalid_argument,
+                         "--idle-exit " + arguments.idle_exit +
+                             ": a time above 0 is written as 90s, 15m or 1h30m"};
+    }
+    if (!arguments.max_memory.empty()) {
+        const auto bytes = parse_byte_size(arguments.max_memory);
+        if (!bytes || *bytes == 0)
+            return Error{ErrorCode::invalid_argument, "--max-memory " + arguments.max_memory +
+                                                          ": a size is written as 512M or 4G"};
+        arguments.duty.memory_max = *bytes;
+    }
+    return {};
 }
 
 /// Endpoints as sockets take them, and what is emulated.
@@ -127,6 +176,8 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
             return Error{endpoint.error().code, "--broker: " + endpoint.error().message};
         broker = *endpoint;
     }
+    if (const auto read = read_duty(arguments); !read)
+        return read.error();
     return worker::validate(options);
 }
 
@@ -155,38 +206,137 @@ std::string opening_line(const worker::WorkerOptions& options, const std::string
                        options.name, worker::emulated_count(options), speeds, options.threads, isa);
 }
 
-/// Runs the worker in a thread of its own while this one watches the signals.
-int serve(const worker::WorkerOptions& options, const net::SignalWatch& signals,
-          const service::Notifier& notifier) {
-    const net::Context context;
-    worker::Control control;
-    const net::Waker woken;
-    std::atomic<bool> ended = false;
-    std::optional<Result<worker::FinishReason>> outcome;
-    std::jthread thread([&] {
-        outcome = guarded([&] { return worker::run_worker(context, options, control); });
-        ended = true;
-        woken.wake();
-    });
-    int signal_count = 0, last_signal = 0;
-    while (!ended) {
-        net::wait({woken.fd(), signals.fd()}, std::chrono::minutes(1));
-        while (const auto signal = signals.receive()) {
-            last_signal = *signal;
-            if (++signal_count == 1) {
-                notifier.stopping("finishes the tiles at hand");
-                control.drain();
+/// A process that serves: its worker, its hours, and whoever runs it.
+class Service {
+public:
+    Service(Arguments& arguments, const net::SignalWatch& signals, std::string opening)
+        : options_(arguments.options), hours_(arguments.hours), duty_(arguments.duty),
+          signals_(signals), opening_(std::move(opening)), logger_(program, arguments.log) {
+        options_.on_log = [this](const LogLine& line) { logger_.log(line); };
+        options_.on_listening = [](const std::vector<std::string>& endpoints) {
+            for (const std::string& endpoint : endpoints)
+                fmt::print("listening {}\n", endpoint);
+            std::fflush(stdout);
+        };
+        options_.on_turn = [this](const Load& load) { look_at(load); };
+    }
+
+    /// Until it has served enough; the exit code.
+    int run() {
+        tell(opening_);
+        for (;;) {
+            if (!wait_for_hours())
+                return Exit::done; // told to leave while nothing was at hand
+            const auto outcome = serve();
+            if (!outcome)
+                return fail(outcome.error().message);
+            if (verdict_ == worker::Duty::Verdict::too_large)
+                return Exit::start_again;
+            if (signal_count_ > 0 || verdict_ == worker::Duty::Verdict::enough ||
+                *outcome != worker::FinishReason::drained)
+                return exit_code(*outcome, last_signal_);
+        }
+    }
+
+private:
+    using Load = worker::Load;
+
+    void tell(const std::string& text) { logger_.log({LogLevel::info, {}, {}, text}); }
+    [[nodiscard]] bool on_duty() const { return !hours_ || hours_->contains(worker::minute_now()); }
+
+    /// From the worker's thread, about once a second.
+    void look_at(const Load& load) {
+        if (!std::exchange(is_ready_, true))
+            notifier_.ready(opening_);
+        notifier_.alive(net::now());
+        logger_.tell_due();
+        if (leaving_)
+            return;
+        const std::uint64_t resident = resident_bytes();
+        verdict_ = duty_.judge(net::now(), load, resident);
+        if (verdict_ == worker::Duty::Verdict::go_on)
+            return;
+        leave(verdict_ == worker::Duty::Verdict::enough
+                  ? "has served enough"
+                  : fmt::format("has grown to {} MiB: leaves to be started again", resident >> 20));
+    }
+
+    /// Finishes the tiles at hand first.
+    void leave(const std::string& why) {
+        leaving_ = true;
+        tell(why);
+        notifier_.stopping(why);
+        control_->drain();
+    }
+
+    /// Whether they have come; not where a signal came first.
+    bool wait_for_hours() {
+        for (bool told = false; !on_duty(); told = true) {
+            const std::string text = "rests until " + worker::time_of_day(hours_->begin_min);
+            if (!told) {
+                tell(text);
+                is_ready_ ? notifier_.status(text) : notifier_.ready(text);
+                is_ready_ = true;
+            }
+            notifier_.alive(net::now());
+            net::wait({signals_.fd()}, std::chrono::seconds(1));
+            if (const auto signal = signals_.receive())
+                return false;
+        }
+        return true;
+    }
+
+    /// Runs the worker in a thread of its own while this one watches signals and hours.
+    Result<worker::FinishReason> serve() {
+        control_.emplace();
+        leaving_ = false;
+        const net::Waker woken;
+        std::atomic<bool> ended = false;
+        std::optional<Result<worker::FinishReason>> outcome;
+        std::jthread thread([&] {
+            outcome = guarded([&] { return worker::run_worker(context_, options_, *control_); });
+            ended = true;
+            woken.wake();
+        });
+        while (!ended) {
+            net::wait({woken.fd(), signals_.fd()}, std::chrono::seconds(hours_ ? 1 : 60));
+            take_signals();
+            if (!on_duty() && !leaving_.exchange(true)) {
+                tell("its hours are over");
+                control_->drain();
+            }
+        }
+        thread.join();
+        return *outcome;
+    }
+
+    void take_signals() {
+        while (const auto signal = signals_.receive()) {
+            last_signal_ = *signal;
+            if (++signal_count_ == 1) {
+                notifier_.stopping("finishes the tiles at hand");
+                control_->drain();
             } else {
-                notifier.stopping("hands back the tiles at hand");
-                control.stop_now();
+                notifier_.stopping("hands back the tiles at hand");
+                control_->stop_now();
             }
         }
     }
-    thread.join();
-    if (!*outcome)
-        return fail(outcome->error().message);
-    return exit_code(**outcome, last_signal);
-}
+
+    worker::WorkerOptions& options_;
+    const std::optional<worker::Hours> hours_;
+    worker::Duty duty_;
+    const net::SignalWatch& signals_;
+    const std::string opening_;
+    service::Logger logger_;
+    service::Notifier notifier_;
+    const net::Context context_;
+    std::optional<worker::Control> control_; ///< of the worker that serves now
+    bool is_ready_ = false;
+    std::atomic<bool> leaving_ = false;
+    worker::Duty::Verdict verdict_ = worker::Duty::Verdict::go_on;
+    int signal_count_ = 0, last_signal_ = 0;
+};
 
 } // namespace
 
@@ -207,23 +357,9 @@ int main(int argc, char** argv) try {
     if (!isa)
         return fail(isa.error().message);
 
-    options.on_listening = [](const std::vector<std::string>& endpoints) {
-        for (const std::string& endpoint : endpoints)
-            fmt::print("listening {}\n", endpoint);
-        std::fflush(stdout);
-    };
-    service::Logger logger(program, arguments.log);
-    service::Notifier notifier;
-    const std::string opening = opening_line(options, *isa);
-    options.on_log = [&](const LogLine& line) { logger.log(line); };
-    options.on_turn = [&, is_ready = false]() mutable {
-        if (!std::exchange(is_ready, true))
-            notifier.ready(opening);
-        notifier.alive(net::now());
-        logger.tell_due();
-    };
-    logger.log({LogLevel::info, {}, {}, opening});
-    return serve(options, signals, notifier);
+    if (arguments.niceness > 0 && setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
+        return fail("--nice: " + std::error_code(errno, std::generic_category()).message());
+    return Service(arguments, signals, opening_line(options, *isa)).run();
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());
     return 1;

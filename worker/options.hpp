@@ -23,6 +23,13 @@ struct EmulatedWorkers {
     friend bool operator==(const EmulatedWorkers&, const EmulatedWorkers&) = default;
 };
 
+/// What a worker has to do.
+struct Load {
+    bool busy = false;         ///< tiles are drawn, or wait for it
+    std::uint64_t answers = 0; ///< tiles that are done with, since it began
+    friend bool operator==(const Load&, const Load&) = default;
+};
+
 struct WorkerOptions {
     std::vector<std::string> brokers; ///< endpoints as sockets take them; every one is served
     /// In place of brokers: where to wait for them to call, tcp://HOST:PORT. Emulated workers have
@@ -38,7 +45,7 @@ struct WorkerOptions {
     /// Called from the thread that runs the worker, for each event; empty: silence.
     std::function<void(const LogLine&)> on_log;
     /// Likewise, about every second: as long as its loop turns.
-    std::function<void()> on_turn = {};
+    std::function<void(const Load&)> on_turn = {};
     /// Likewise, when all listen: where, in the order of their numbers.
     std::function<void(const std::vector<std::string>&)> on_listening = {};
 };

@@ -34,6 +34,8 @@ public:
     [[nodiscard]] virtual std::vector<PoolResult> take_results() = 0;
     /// When results are due that no other thread tells of; it may be at once.
     [[nodiscard]] virtual Instant next_deadline() const = 0;
+    /// No tile is drawn or waits to be.
+    [[nodiscard]] virtual bool is_idle() const = 0;
     /// Of the tiles that are being drawn now.
     [[nodiscard]] virtual std::vector<TileProgress> progress(SessionIndex session) const = 0;
 };

@@ -182,6 +182,11 @@ std::vector<PoolResult> RenderPool::take_results() {
     return std::exchange(results_, {});
 }
 
+bool RenderPool::is_idle() const {
+    const std::lock_guard lock(mutex_);
+    return queue_.empty() && waiting_.empty() && running_.empty();
+}
+
 std::vector<TileProgress> RenderPool::progress(SessionIndex session) const {
     const std::lock_guard lock(mutex_);
     std::vector<TileProgress> progress;

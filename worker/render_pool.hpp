@@ -39,6 +39,7 @@ public:
 
     [[nodiscard]] std::vector<PoolResult> take_results() override;
     [[nodiscard]] Instant next_deadline() const override { return Instant::never(); }
+    [[nodiscard]] bool is_idle() const override;
     [[nodiscard]] std::vector<TileProgress> progress(SessionIndex session) const override;
 
 private:

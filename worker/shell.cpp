@@ -91,7 +91,7 @@ private:
             return Instant::never();
         if (const Instant now = net::now(); now >= next_turn_told_) {
             next_turn_told_ = now + turn_interval;
-            options_.on_turn();
+            options_.on_turn({!pool_->is_idle(), answers_});
         }
         return next_turn_told_;
     }
@@ -182,9 +182,12 @@ private:
 
     void hand_out_results() {
         pool_waker_.drain();
-        for (const PoolResult& result : pool_->take_results())
+        for (const PoolResult& result : pool_->take_results()) {
+            answers_ += std::holds_alternative<TileFinished>(result.event) ||
+                        std::holds_alternative<TileBroken>(result.event);
             with_link(static_cast<std::size_t>(result.session),
                       [&](Link& link) { link.step(result.event); });
+        }
     }
 
     void keep_time() {
@@ -210,6 +213,7 @@ private:
     std::vector<Instant> noted_; // of each link its deadline, as it is among these:
     std::set<std::pair<Instant, std::size_t>> deadlines_;
     Instant next_turn_told_{};
+    std::uint64_t answers_ = 0;
     bool draining_ = false, stopping_ = false;
     FinishReason reason_{};
 };

@@ -2,9 +2,11 @@
 #include "tests/e2e/farm.hpp"
 
 #include <array>
+#include <ctime>
 #include <doctest/doctest.h>
 #include <pty.h>
 #include <sstream>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -254,6 +256,64 @@ TEST_CASE("a doctor finds a farm well, and says what is wrong where it is not") 
     CHECK(no_host.exit == 3);
     CHECK(no_host.out.find("no-such-host.invalid") != std::string::npos);
     CHECK(no_host.out.find("-> look for a typing error") != std::string::npos);
+}
+
+/// A worker of the farm that nobody looks after.
+Process start_worker(Farm& farm, Words options) {
+    Words argv{program("fraja-worker"), "-b", farm.endpoint(), "--name", "casual", "-j", "1"};
+    argv.insert(argv.end(), options.begin(), options.end());
+    auto process = Process::start({argv});
+    REQUIRE(process.has_value());
+    return std::move(*process);
+}
+
+TEST_CASE("a worker leaves by itself when it was idle, or its first work is over") {
+    const Scratch scratch;
+    Farm farm;
+    Process idle = start_worker(farm, {"--idle-exit", "1s"});
+    CHECK(idle.wait_for_exit(patience) == 0);
+    Process once = start_worker(farm, {"--once"});
+    REQUIRE(farm.submit({scene("cone"), "-r", "64x48", "-o", scratch.file("a.png")}).exit == 0);
+    CHECK(once.wait_for_exit(patience) == 0);
+    CHECK(once.err().find("has served enough") != std::string::npos);
+}
+
+TEST_CASE("a worker that grew beyond its limit asks to be started again, and its tiles go on") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string id = farm.detach(long_job);
+    Process large = start_worker(farm, {"--max-memory", "1M"});
+    CHECK(large.wait_for_exit(patience) == 75);
+    farm.add_worker("one", {"-j", "2"});
+    Process watcher = farm.watch(id);
+    CHECK(watcher.wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("a worker rests outside of its hours, and can be told to leave then") {
+    Farm farm;
+    // An hour that is twelve hours away, in the zone that TZ names.
+    const std::time_t now = std::time(nullptr);
+    std::tm utc{};
+    gmtime_r(&now, &utc);
+    const int begin = (utc.tm_hour + 12) % 24;
+    const auto at = [](int hour) { return (hour < 10 ? "0" : "") + std::to_string(hour) + ":00"; };
+    auto resting = Process::start({{program("fraja-worker"), "-b", farm.endpoint(), "-j", "1",
+                                    "--hours", at(begin) + "-" + at((begin + 1) % 24)},
+                                   {"TZ=UTC"}});
+    REQUIRE(resting.has_value());
+    CHECK(resting->wait_for_words(Process::Stream::err, "rests until " + at(begin), patience));
+    CHECK(nlohmann::json::parse(ctl(farm, {"stats", "--json"}).out).at("workers").at("count") == 0);
+    resting->send(SIGTERM);
+    CHECK(resting->wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("a worker is as nice as it is told to be") {
+    Farm farm;
+    Process worker = start_worker(farm, {"--nice", "7"});
+    CHECK(worker.wait_for_words(Process::Stream::err, "serves", patience));
+    CHECK(getpriority(PRIO_PROCESS, static_cast<id_t>(worker.pid())) == 7);
+    worker.send(SIGTERM);
+    CHECK(worker.wait_for_exit(patience) == 0);
 }
 
 } // namespace
