@@ -38,6 +38,14 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
     actions_ = nullptr;
 }
 
+void Dispatcher::change_limits(const Limits& limits) {
+    limits_.lease = limits.lease;
+    limits_.attempts_max = limits.attempts_max;
+    limits_.quarantine_failures = limits.quarantine_failures;
+    limits_.quarantine_window = limits.quarantine_window;
+    limits_.keep = limits.keep;
+}
+
 Instant Dispatcher::next_deadline() const {
     Instant deadline = next_sweep_;
     if (!deadlines_.empty())

@@ -57,6 +57,9 @@ public:
     [[nodiscard]] Figures figures() const;
     /// The wall clock, which may be set while the broker runs.
     void set_unix_offset(Duration offset) { identity_.unix_offset = offset; }
+    /// Those that nobody has been told of, and nothing is as large as: lease, attempts_max,
+    /// quarantine and keep. The others stay.
+    void change_limits(const Limits& limits);
     /// What a person wants to know, one line each: for USR1.
     [[nodiscard]] std::vector<std::string> describe(Instant now) const;
 

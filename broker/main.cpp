@@ -27,6 +27,7 @@
 #include <string>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 namespace {
 
@@ -60,10 +61,6 @@ std::string default_state() {
     if (const char* home = std::getenv("HOME"); home && *home)
         return std::string(home) + "/.local/state/fraja";
     return "none";
-}
-
-int usage_error(const std::string& message) {
-    return cli::leave(cli::usage_error(program, message));
 }
 
 int fail(const std::string& message) {
@@ -213,6 +210,45 @@ void describe(CLI::App& app, Arguments& arguments) {
     service::add_log_options(app, arguments.log);
 }
 
+/// What was typed, and what stands elsewhere. Nothing: all is well.
+std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& words,
+                                             Arguments& arguments) {
+    CLI::App app(examples, program);
+    describe(app, arguments);
+    if (auto early = cli::parse(app, words))
+        return early;
+    const auto mistake = [](const std::string& text) { return cli::usage_error(program, text); };
+    broker::Options& options = arguments.options;
+    const auto heartbeat = parse_duration(arguments.heartbeat),
+               lease = parse_duration(arguments.lease), keep = parse_duration(arguments.keep);
+    if (!heartbeat || *heartbeat < std::chrono::milliseconds(10))
+        return mistake("--heartbeat " + arguments.heartbeat +
+                       ": a duration of at least 10ms, as 1s");
+    if (!lease || *lease < *heartbeat)
+        return mistake("--lease " + arguments.lease +
+                       ": a duration not below the heartbeat, as 60s");
+    if (!keep)
+        return mistake("--keep " + arguments.keep + ": a duration, as 7d");
+    if (const auto read = read_quarantine(arguments.quarantine, options.limits); !read)
+        return mistake(read.error().message);
+    options.limits.keep = *keep;
+    options.limits.heartbeat = *heartbeat;
+    options.limits.lease = *lease;
+    if (const auto read = complete_upstream(options); !read)
+        return mistake(read.error().message);
+    if (!arguments.http.empty()) {
+        const auto endpoint = broker::http_endpoint(arguments.http, options.insecure);
+        if (!endpoint)
+            return mistake("--http: " + endpoint.error().message);
+        arguments.http = *endpoint;
+    }
+    if (arguments.state.empty())
+        arguments.state = default_state();
+    if (arguments.state != "none")
+        options.state = arguments.state;
+    return std::nullopt;
+}
+
 /// As `systemctl status` shows it.
 std::string summary(const broker::Figures& figures) {
     return fmt::format("{} worker(s), {} tile(s) in flight, {} job(s) with tiles to give",
@@ -220,7 +256,8 @@ std::string summary(const broker::Figures& figures) {
 }
 
 /// The broker with what it owes to whoever runs it: a log, pages, and signs of life.
-int run(Arguments& arguments, const net::SignalWatch& signals) {
+int run(Arguments& arguments, const std::vector<std::string>& words,
+        const net::SignalWatch& signals) {
     service::Logger logger(program, arguments.log);
     service::Notifier notifier;
     broker::Board board;
@@ -255,6 +292,18 @@ int run(Arguments& arguments, const net::SignalWatch& signals) {
         notifier.alive(report.at);
         logger.tell_due();
     };
+    options.on_hangup = [&]() -> std::optional<broker::Limits> {
+        Arguments anew;
+        if (const auto early = read_arguments(words, anew)) {
+            logger.log({LogLevel::warning, {}, {}, "everything stays as it was: " + early->text});
+            return std::nullopt;
+        }
+        logger.set_level(anew.log.level);
+        tell(
+            "read its options again: --lease, --max-attempts, --quarantine, --keep and --log-level "
+            "hold from now on, others from the next start");
+        return anew.options.limits;
+    };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
 
     const net::Context context;
@@ -270,42 +319,11 @@ int run(Arguments& arguments, const net::SignalWatch& signals) {
 int main(int argc, char** argv) {
     keep_all_freed_memory(); // the next picture needs as much
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
+    const std::vector<std::string> words = cli::arguments_of(argc, argv);
     Arguments arguments;
-    CLI::App app(examples, program);
-    describe(app, arguments);
-    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+    if (const auto early = read_arguments(words, arguments))
         return cli::leave(*early);
-
-    broker::Options& options = arguments.options;
-    const auto heartbeat = parse_duration(arguments.heartbeat),
-               lease = parse_duration(arguments.lease), keep = parse_duration(arguments.keep);
-    if (!heartbeat || *heartbeat < std::chrono::milliseconds(10))
-        return usage_error("--heartbeat " + arguments.heartbeat +
-                           ": a duration of at least 10ms, as 1s");
-    if (!lease || *lease < *heartbeat)
-        return usage_error("--lease " + arguments.lease +
-                           ": a duration not below the heartbeat, as 60s");
-    if (!keep)
-        return usage_error("--keep " + arguments.keep + ": a duration, as 7d");
-    if (const auto read = read_quarantine(arguments.quarantine, options.limits); !read)
-        return usage_error(read.error().message);
-    options.limits.keep = *keep;
-    options.limits.heartbeat = *heartbeat;
-    options.limits.lease = *lease;
-    if (const auto read = complete_upstream(options); !read)
-        return usage_error(read.error().message);
-    if (!arguments.http.empty()) {
-        const auto endpoint = broker::http_endpoint(arguments.http, options.insecure);
-        if (!endpoint)
-            return usage_error("--http: " + endpoint.error().message);
-        arguments.http = *endpoint;
-    }
-    if (arguments.state.empty())
-        arguments.state = default_state();
     if (arguments.check)
         return check_state(arguments.state);
-    if (arguments.state != "none")
-        options.state = arguments.state;
-
-    return run(arguments, signals);
+    return run(arguments, words, signals);
 }

@@ -163,6 +163,10 @@ private:
                 log({LogLevel::info, "stopping", {}, "stopping"});
                 if (options_.on_stopping)
                     options_.on_stopping();
+            } else if (*signal == SIGHUP) {
+                if (const auto limits =
+                        options_.on_hangup ? options_.on_hangup() : std::optional<Limits>())
+                    dispatcher_.change_limits(*limits);
             } else if (*signal == SIGUSR1) {
                 for (const std::string& line : dispatcher_.describe(net::now()))
                     log({LogLevel::info, {}, {}, line});

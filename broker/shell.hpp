@@ -55,9 +55,12 @@ struct Options {
     std::function<void(const LogLine&)> on_log;
     /// Called from the loop, at its first turn and then every second: as long as it turns.
     std::function<void(const Report&)> on_report;
+    /// Called from the loop at HUP: the limits from now on, as Dispatcher::change_limits() takes
+    /// them; nothing: they stay.
+    std::function<std::optional<Limits>()> on_hangup;
     std::function<void()> on_stopping; ///< called from the loop, when a signal ends it
     const net::SignalWatch* signals =
-        nullptr; ///< INT and TERM stop it, USR1 dumps the state to the log
+        nullptr; ///< INT and TERM stop it, HUP rereads, USR1 dumps the state to the log
 };
 
 /// Runs until it is told to stop. Errors: invalid_argument for endpoints that make no sense or

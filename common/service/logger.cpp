@@ -61,6 +61,10 @@ Logger::~Logger() {
         write(told);
 }
 
+void Logger::set_level(const std::string& level) {
+    logger_->set_level(spdlog::level::from_str(level));
+}
+
 void Logger::log(LogLine line) {
     if (!logger_->should_log(to_spdlog(line.level)))
         return;

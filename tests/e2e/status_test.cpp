@@ -3,10 +3,12 @@
 #include "common/protocol/codec.hpp"
 #include "tests/e2e/farm.hpp"
 #include "tests/support/connection.hpp"
+#include "tests/support/folder.hpp"
 #include "tests/support/messages.hpp"
 
 #include <cmath>
 #include <csignal>
+#include <filesystem>
 #include <map>
 #include <regex>
 #include <set>
@@ -254,4 +256,32 @@ TEST_CASE("USR1 writes the state to the log, as often as it is asked for") {
         REQUIRE(worker.has_value());
     }
     CHECK(contains(farm.broker().err(), "job #1 picture " + id + ": "));
+}
+
+TEST_CASE(
+    "a broker that is hung up on reads its settings again, and keeps what it had of bad ones") {
+    const Folder folder;
+    std::filesystem::create_directory(folder / "fraja");
+    const auto settings = [&](const std::string& text) {
+        const auto file = folder.write("fraja/config.toml", "[fraja-broker]\n" + text + "\n");
+        REQUIRE(std::filesystem::exists(file));
+    };
+    settings("log-level = 'error'");
+    auto broker = Process::start({{program("fraja-broker"), "--bind", "tcp://127.0.0.1:0",
+                                   "--publish", "tcp://127.0.0.1:0", "--state", "none"},
+                                  {"XDG_CONFIG_HOME=" + folder.path.string()}});
+    REQUIRE(broker.has_value());
+    using enum Process::Stream;
+    REQUIRE(broker->wait_for_words(out, "listening", patience));
+    CHECK(broker->err().empty()); // nothing as bad as an error
+    settings("log-level = 'info'\nkeep = '1h'");
+    broker->send(SIGHUP);
+    CHECK(broker->wait_for_words(err, "read its options again", patience));
+    settings("keep = 'for ever'");
+    broker->send(SIGHUP);
+    const auto refused = broker->wait_for_words(err, "everything stays as it was", patience);
+    REQUIRE(refused.has_value());
+    CHECK(refused->find("--keep for ever: a duration, as 7d") != std::string::npos);
+    broker->send(SIGTERM);
+    CHECK(broker->wait_for_exit(patience) == 0);
 }
