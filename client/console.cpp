@@ -2,7 +2,9 @@
 
 #include "client/columns.hpp"
 #include "common/base/text.hpp"
+#include "common/service/json_line.hpp"
 
+#include <chrono>
 #include <cstdlib>
 #include <fmt/core.h>
 #include <poll.h>
@@ -62,8 +64,17 @@ void Console::debug(std::string_view text) {
     say(LogLevel::debug, "", nullptr, text);
 }
 
+void Console::located_error(std::string_view text) {
+    if (options_.json)
+        say(LogLevel::error, {}, nullptr, text);
+    else
+        line(printable(text));
+}
+
 void Console::located_warning(std::string_view text) {
-    if (options_.level <= LogLevel::warning)
+    if (options_.json)
+        say(LogLevel::warning, {}, nullptr, text);
+    else if (options_.level <= LogLevel::warning)
         line(fmt::format("{}warning:{} {}", color_ ? yellow : "", color_ ? plain : "",
                          printable(text)));
 }
@@ -71,6 +82,9 @@ void Console::located_warning(std::string_view text) {
 void Console::say(LogLevel level, std::string_view word, const char* color, std::string_view text) {
     if (level < options_.level)
         return;
+    if (options_.json)
+        return line(service::json_line(std::chrono::system_clock::now(), options_.program,
+                                       {{level, {}, {}, std::string(text)}, 0}));
     const bool painted = color_ && color;
     line(fmt::format("{}: {}{}{}{}", options_.program, painted ? color : "", word,
                      painted ? plain : "", printable(text)));

@@ -5,6 +5,7 @@
 #include "client/exit_code.hpp"
 #include "client/preview/preview.hpp"
 #include "client/terminal.hpp"
+#include "common/base/log_line.hpp"
 
 #include <cstdint>
 #include <cstdio>
@@ -14,12 +15,12 @@
 
 namespace fraja::client {
 
-enum class LogLevel : std::uint8_t { trace, debug, info, warning, error };
 enum class ColorChoice : std::uint8_t { automatic, always, never };
 
 struct ConsoleOptions {
     std::string program; ///< opens every message
     LogLevel level = LogLevel::info;
+    bool json = false; ///< messages as objects, a line each
     ColorChoice color = ColorChoice::automatic;
 };
 
@@ -35,7 +36,8 @@ public:
     void warning(std::string_view text);
     void info(std::string_view text);
     void debug(std::string_view text);
-    /// A warning that has its own opening, as `scene.raj:1:2: ...`.
+    /// An error or warning that has its own opening, as `scene.raj:1:2: ...`.
+    void located_error(std::string_view text);
     void located_warning(std::string_view text);
 
     /// A line of its own, whatever the level.

@@ -45,12 +45,6 @@ constexpr Names<PreviewMode, 5> preview_modes{{{{"auto", PreviewMode::automatic}
 constexpr Names<ColorChoice, 3> color_choices{{{{"auto", ColorChoice::automatic},
                                                 {"always", ColorChoice::always},
                                                 {"never", ColorChoice::never}}}};
-constexpr Names<LogLevel, 6> log_levels{{{{"trace", LogLevel::trace},
-                                          {"debug", LogLevel::debug},
-                                          {"info", LogLevel::info},
-                                          {"warning", LogLevel::warning},
-                                          {"warn", LogLevel::warning},
-                                          {"error", LogLevel::error}}}};
 
 } // namespace
 
@@ -72,16 +66,7 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->capture_default_str()
         ->check(CLI::IsMember(progress_modes.list()))
         ->type_name("MODE");
-    app.add_option("--color", color_, "Whether messages are coloured")
-        ->envname("FRAJA_COLOR")
-        ->capture_default_str()
-        ->check(CLI::IsMember(color_choices.list()))
-        ->type_name("WHEN");
-    app.add_option("--log-level", log_level_, "How much is said on stderr")
-        ->envname("FRAJA_LOG_LEVEL")
-        ->capture_default_str()
-        ->check(CLI::IsMember(log_levels.list()))
-        ->type_name("LEVEL");
+    service::add_log_options(app, log_);
     app.add_flag("--json", json_, "Print the result as JSON");
 }
 
@@ -108,7 +93,7 @@ Result<SharedOptions> SharedArguments::read() const {
                               ": a duration is written as 90, 90s, 5m or 1h30m");
     options.connect_timeout = *timeout;
     options.progress = progress_modes.of(progress_);
-    options.console = {program_, log_levels.of(log_level_), color_choices.of(color_)};
+    options.console = {program_, log_.least(), log_.as_json(), color_choices.of(log_.color)};
     options.json = json_;
     return options;
 }
@@ -122,6 +107,10 @@ void PreviewArgument::add_to(CLI::App& app, std::string absent, bool may_stand_a
                                     ? app.add_flag("--preview{auto}", mode_, what)
                                     : app.add_option("--preview", mode_, what)->type_name("MODE");
     option->check(check)->default_str(mode_);
+}
+
+bool PreviewArgument::is_mode(const std::string& word) {
+    return std::ranges::count(preview_modes.list(), word) > 0;
 }
 
 PreviewMode PreviewArgument::read() const {

@@ -8,6 +8,7 @@
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
 #include "common/image_io/picture_file.hpp"
+#include "common/service/log_options.hpp"
 
 #include <cstddef>
 #include <string>
@@ -42,7 +43,8 @@ public:
 private:
     std::string program_;
     std::vector<std::string> brokers_;
-    std::string connect_timeout_ = "10s", progress_ = "auto", color_ = "auto", log_level_ = "info";
+    std::string connect_timeout_ = "10s", progress_ = "auto";
+    service::LogOptions log_;
     bool json_ = false;
 };
 
@@ -53,6 +55,7 @@ public:
     /// mode is given as --preview=MODE.
     void add_to(CLI::App& app, std::string absent, bool may_stand_alone);
     [[nodiscard]] PreviewMode read() const;
+    [[nodiscard]] static bool is_mode(const std::string& word);
 
 private:
     std::string mode_;

@@ -33,7 +33,6 @@ std::string time_now() {
 
 void add_account(const protocol::JobState& job, std::vector<PictureAttribute>& to) {
     to.push_back({"DateTime", time_now()});
-    to.push_back({"fraja:command", "fraja-submit " + settings_options(job.settings)});
     to.push_back({"fraja:job", fraja::to_string(job.job)});
     to.push_back({"fraja:job_name", job.job_name});
     to.push_back({"fraja:elapsed_s", fmt::format("{:.3f}", seconds(job.elapsed))});
@@ -118,8 +117,12 @@ std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job) 
         {"fraja:max_samples", std::to_string(s.max_samples)},
         {"fraja:filter", to_string(s.filter)},
         {"fraja:exact", s.exact ? "true" : "false"},
+        {"fraja:layers", s.layers ? "true" : "false"},
         {"fraja:kernel", to_string(s.kernel)}};
-    if (std::getenv("SOURCE_DATE_EPOCH") == nullptr)
+    const bool with_account = std::getenv("SOURCE_DATE_EPOCH") == nullptr;
+    if (with_account || !s.limited_in_time()) // the passes done decide, not the time there was
+        attributes.push_back({"fraja:options", settings_options(s)});
+    if (with_account)
         add_account(job, attributes);
     return attributes;
 }

@@ -172,7 +172,7 @@ private:
         auto scene = read_scene();
         if (!scene) {
             // It opens with file, line and column: nothing before that.
-            console_.line(printable(scene.error().message));
+            console_.located_error(scene.error().message);
             return scene.error().message;
         }
         for (const std::string& warning : scene->warnings)
@@ -237,8 +237,11 @@ private:
     }
 
     int conclude(const SubmitListener& listener, Outcome outcome) {
-        if (listener.job())
+        if (listener.job()) {
             report_.job = *listener.job();
+            report_.job.settings.time_limit =
+                options_.settings.time_limit; // not what was left of it
+        }
         report_.workers = listener.worker_count();
         if (listener.picture())
             report_.estimate = listener.picture()->estimate();

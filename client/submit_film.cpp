@@ -134,7 +134,7 @@ private:
         for (const std::string& warning : warnings)
             console_.located_warning(warning);
         if (!scenes) { // it opens with file, line and column: nothing before that
-            console_.line(printable(scenes.error().message));
+            console_.located_error(scenes.error().message);
             return scenes.error().message;
         }
         scenes_ = *std::move(scenes);

@@ -381,6 +381,15 @@ Result<void> read_film(Arguments& a) {
     return {};
 }
 
+/// --preview may stand alone; a mode behind it is its own.
+void complete_preview(std::vector<std::string>& arguments) {
+    for (std::size_t i = 0; i + 1 < arguments.size() && arguments[i] != "--"; ++i)
+        if (arguments[i] == "--preview" && PreviewArgument::is_mode(arguments[i + 1])) {
+            arguments[i] += "=" + arguments[i + 1];
+            arguments.erase(arguments.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+        }
+}
+
 } // namespace
 
 Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
@@ -393,6 +402,7 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
+    complete_preview(arguments);
     if (auto early = cli::parse(app, std::move(arguments)))
         return *early;
     for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names,

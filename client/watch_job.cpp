@@ -198,7 +198,10 @@ int watch_job(const WatchOptions& options, Console& console, const net::SignalWa
                          fresh_rng());
     const Outcome outcome =
         listener.finish(net::now(), converse(context, watching, listener, signals), signals);
-    const bool said = outcome.code == ExitCode::interrupted || outcome.code == ExitCode::terminated;
+    const bool of_job = outcome.code == ExitCode::job_failed || outcome.code == ExitCode::cancelled;
+    const bool said = outcome.code == ExitCode::interrupted ||
+                      outcome.code == ExitCode::terminated ||
+                      (of_job && !options.shared.json); // with its state
     if (outcome.code != ExitCode::done && !said)
         console.error(outcome.reason);
     return static_cast<int>(console.checked(outcome.code, listener.has_lost_output()));

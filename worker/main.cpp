@@ -210,7 +210,7 @@ std::string opening_line(const worker::WorkerOptions& options, const std::string
 class Service {
 public:
     Service(Arguments& arguments, const net::SignalWatch& signals, std::string opening)
-        : options_(arguments.options), hours_(arguments.hours), duty_(arguments.duty),
+        : options_(arguments.options), hours_(arguments.hours), terms_(arguments.duty),
           signals_(signals), opening_(std::move(opening)), logger_(program, arguments.log) {
         options_.on_log = [this](const LogLine& line) { logger_.log(line); };
         options_.on_listening = [](const std::vector<std::string>& endpoints) {
@@ -223,6 +223,11 @@ public:
 
     /// Until it has served enough; the exit code.
     int run() {
+        if (const std::uint64_t now = resident_bytes();
+            terms_.memory_max > 0 && terms_.memory_max <= now)
+            return usage_error(fmt::format("--max-memory: a worker has {} MiB before it draws "
+                                           "anything; give it more",
+                                           now >> 20));
         tell(opening_);
         for (;;) {
             if (!wait_for_hours())
@@ -230,11 +235,10 @@ public:
             const auto outcome = serve();
             if (!outcome)
                 return fail(outcome.error().message);
-            if (verdict_ == worker::Duty::Verdict::too_large)
-                return Exit::start_again;
-            if (signal_count_ > 0 || verdict_ == worker::Duty::Verdict::enough ||
-                *outcome != worker::FinishReason::drained)
+            if (signal_count_ > 0 || *outcome != worker::FinishReason::drained)
                 return exit_code(*outcome, last_signal_);
+            if (verdict_ != worker::Duty::Verdict::go_on)
+                return verdict_ == worker::Duty::Verdict::enough ? Exit::done : Exit::start_again;
         }
     }
 
@@ -250,7 +254,7 @@ private:
             notifier_.ready(opening_);
         notifier_.alive(net::now());
         logger_.tell_due();
-        if (leaving_)
+        if (leaving_ || signal_count_ > 0)
             return;
         const std::uint64_t resident = resident_bytes();
         verdict_ = duty_.judge(net::now(), load, resident);
@@ -280,8 +284,12 @@ private:
             }
             notifier_.alive(net::now());
             net::wait({signals_.fd()}, std::chrono::seconds(1));
-            if (const auto signal = signals_.receive())
+            if (signals_.receive())
                 return false;
+            if (on_duty()) {
+                tell("serves again");
+                notifier_.status(opening_);
+            }
         }
         return true;
     }
@@ -289,6 +297,7 @@ private:
     /// Runs the worker in a thread of its own while this one watches signals and hours.
     Result<worker::FinishReason> serve() {
         control_.emplace();
+        duty_ = worker::Duty(terms_); // a rest is no idleness
         leaving_ = false;
         const net::Waker woken;
         std::atomic<bool> ended = false;
@@ -325,7 +334,8 @@ private:
 
     worker::WorkerOptions& options_;
     const std::optional<worker::Hours> hours_;
-    worker::Duty duty_;
+    const worker::DutyTerms terms_;
+    worker::Duty duty_{terms_}; ///< of the worker that serves now
     const net::SignalWatch& signals_;
     const std::string opening_;
     service::Logger logger_;
@@ -335,7 +345,8 @@ private:
     bool is_ready_ = false;
     std::atomic<bool> leaving_ = false;
     worker::Duty::Verdict verdict_ = worker::Duty::Verdict::go_on;
-    int signal_count_ = 0, last_signal_ = 0;
+    std::atomic<int> signal_count_ = 0;
+    int last_signal_ = 0;
 };
 
 } // namespace
@@ -357,7 +368,8 @@ int main(int argc, char** argv) try {
     if (!isa)
         return fail(isa.error().message);
 
-    if (arguments.niceness > 0 && setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
+    if (arguments.niceness > getpriority(PRIO_PROCESS, 0) && // whoever started it may know better
+        setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
         return fail("--nice: " + std::error_code(errno, std::generic_category()).message());
     return Service(arguments, signals, opening_line(options, *isa)).run();
 } catch (const std::exception& e) {

@@ -3,7 +3,6 @@
 #include "common/net/clock.hpp"
 #include "common/service/json_line.hpp"
 
-#include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -36,20 +35,8 @@ spdlog::color_mode color_mode(const std::string& choice) {
 
 } // namespace
 
-void add_log_options(CLI::App& app, LogOptions& options) {
-    app.add_option("--log-level", options.level, "trace, debug, info, warning or error")
-        ->capture_default_str()
-        ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error"}));
-    app.add_option("--log-format", options.format, "text, or json: an object on each line")
-        ->capture_default_str()
-        ->check(CLI::IsMember({"text", "json"}));
-    app.add_option("--color", options.color, "auto, always or never; NO_COLOR is honoured")
-        ->capture_default_str()
-        ->check(CLI::IsMember({"auto", "always", "never"}));
-}
-
 Logger::Logger(std::string program, const LogOptions& options)
-    : program_(std::move(program)), as_json_(options.format == "json") {
+    : program_(std::move(program)), as_json_(options.as_json()) {
     auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(color_mode(options.color));
     logger_ = std::make_shared<spdlog::logger>(program_, std::move(sink));
     logger_->set_pattern(as_json_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");

@@ -3,28 +3,18 @@
 #pragma once
 
 #include "common/base/log_line.hpp"
+#include "common/service/log_options.hpp"
 #include "common/service/repeats.hpp"
 
 #include <memory>
 #include <mutex>
 #include <string>
 
-namespace CLI {
-class App;
-}
 namespace spdlog {
 class logger;
 }
 
 namespace fraja::service {
-
-/// As people type them; add_log_options() sees to it that they are known words.
-struct LogOptions {
-    std::string level = "info", format = "text", color = "auto";
-};
-
-/// --log-level, --log-format and --color.
-void add_log_options(CLI::App& app, LogOptions& options);
 
 /// Any thread may use it.
 class Logger {

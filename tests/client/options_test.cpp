@@ -316,6 +316,8 @@ TEST_CASE("fraja-submit shows no preview unless it is asked to, and then the bes
     CHECK(submit("a.raj").preview == PreviewMode::none);
     CHECK(submit("--preview a.raj").preview == PreviewMode::automatic);
     CHECK(submit("a.raj --preview=kitty").preview == PreviewMode::kitty);
+    CHECK(submit("--preview blocks a.raj").preview == PreviewMode::blocks);
+    CHECK(submit("--preview a.raj").scene_file == "a.raj");
     for (const char* line : {"a.raj --preview=lines", "a.raj --preview --detach",
                              "a.raj --preview --travel t.raj -o f%02d.png"}) {
         CAPTURE(line);

@@ -281,8 +281,17 @@ TEST_CASE("a worker leaves by itself when it was idle, or its first work is over
 TEST_CASE("a worker that grew beyond its limit asks to be started again, and its tiles go on") {
     const Scratch scratch;
     Farm farm;
-    const std::string id = farm.detach(long_job);
-    Process large = start_worker(farm, {"--max-memory", "1M"});
+    // Tiles of 12 MiB, and what a worker has before it draws any.
+    const std::string id =
+        farm.detach({scene("cone"), "-r", "2048x1024", "-d", "1", "--tile", "1024"});
+    Process small = start_worker(farm, {"--max-memory", "1M"});
+    CHECK(small.wait_for_exit(patience) == 2);
+    CHECK(small.err().find("before it draws anything") != std::string::npos);
+    Farm empty;
+    Process measured = start_worker(empty, {});
+    REQUIRE(measured.wait_for_words(Process::Stream::err, "serves", patience));
+    const auto limit = static_cast<int>(resident_mib(measured.pid())) + 6;
+    Process large = start_worker(farm, {"--max-memory", std::to_string(limit) + "M"});
     CHECK(large.wait_for_exit(patience) == 75);
     farm.add_worker("one", {"-j", "2"});
     Process watcher = farm.watch(id);
