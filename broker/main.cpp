@@ -36,7 +36,8 @@ using namespace fraja;
 constexpr const char* program = "fraja-broker";
 constexpr const char* examples = R"(Examples:
   fraja-broker                                   a broker for this machine
-  fraja-broker --bind tcp://127.0.0.1:0          on a port the system chooses; it is printed
+  fraja-broker --bind tcp://127.0.0.1:0 --publish tcp://127.0.0.1:0
+                                                 on ports the system chooses; they are printed
   fraja-broker --bind 'tcp://*:50057' --publish 'tcp://*:50058' --insecure
                                                  for a network you trust
   fraja-broker --bind tcp://127.0.0.1:50067 --publish tcp://127.0.0.1:50068 --upstream tcp://root:50057

@@ -318,9 +318,11 @@ private:
         const std::string id = fraja::to_string(report_.job.job);
         console_.line(fmt::format("fraja-submit: {}; {} #{} goes on\n"
                                   "  watch it:   fraja-watch -b {} {}\n"
+                                  "  get it:     fraja-ctl -b {} get {} -o {}\n"
                                   "  cancel it:  fraja-ctl -b {} cancel --yes {}",
                                   why, printable(report_.job.job_name), report_.job.number,
-                                  listener.broker(), id, listener.broker(), id));
+                                  listener.broker(), id, listener.broker(), id,
+                                  printable(options_.output), listener.broker(), id));
     }
 
     int end_detached() {

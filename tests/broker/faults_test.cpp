@@ -82,13 +82,13 @@ TEST_CASE("limits that change while a broker runs hold from then on, those that 
     Farm farm;
     farm.worker_arrives("w", 1, 1, 1);
     const JobId job = farm.submit(1, 2);
-    farm.fail("w", farm.tiles("w").at(0), protocol::FailureCode::machine_error);
+    farm.fail("w", farm.tiles("w").at(0), protocol::FailureCode::machine);
     CHECK(farm.state(job).phase == JobPhase::running);
     Limits limits = farm.limits;
     limits.attempts_max = 2;
     limits.heartbeat = 1h;
     farm.dispatcher.change_limits(limits);
-    farm.fail("w", farm.tiles("w").back(), protocol::FailureCode::machine_error);
+    farm.fail("w", farm.tiles("w").back(), protocol::FailureCode::machine);
     CHECK(farm.state(job).phase == JobPhase::failed);
     farm.worker_arrives("other", 2, 1, 1);
     CHECK(farm.last<Welcome>("other").heartbeat == farm.limits.heartbeat);

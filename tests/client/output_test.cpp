@@ -200,20 +200,20 @@ TEST_CASE("a tile's line has its place, size, worker, time and rays") {
 }
 
 TEST_CASE("a console speaks by level, without colour or returns off a terminal") {
-    Written w({"prog", LogLevel::warning, ColorChoice::automatic});
+    Written w({"prog", LogLevel::warning, false, ColorChoice::automatic});
     w.console.debug("no");
     w.console.info("no");
     w.console.warning("careful");
     w.console.error("bad");
     w.console.located_warning("a.raj:1:2: hm");
     CHECK(w.text() == "prog: warning: careful\nprog: error: bad\nwarning: a.raj:1:2: hm\n");
-    Written coloured({"prog", LogLevel::info, ColorChoice::always});
+    Written coloured({"prog", LogLevel::info, false, ColorChoice::always});
     coloured.console.error("bad");
     CHECK(coloured.text() == "prog: \x1b[1;31merror: \x1b[0mbad\n");
 }
 
 TEST_CASE("a message goes above the line that is redrawn") {
-    Written w({"prog", LogLevel::info, ColorChoice::never});
+    Written w({"prog", LogLevel::info, false, ColorChoice::never});
     w.console.redraw("50%");
     w.console.info("hello");
     w.console.redraw("60%");
@@ -394,6 +394,21 @@ TEST_CASE("a picture tells what it took, unless two renders are to give the same
     CHECK(attribute_of(state, "DateTime") == "missing");
     CHECK(attribute_of(state, "fraja:scene") == to_string(state.scene));
     unsetenv("SOURCE_DATE_EPOCH");
+}
+
+TEST_CASE("messages may be objects, whatever they say") {
+    Written written({"fraja-test", LogLevel::info, true, ColorChoice::automatic});
+    written.console.warning("line one\nline \xff two");
+    written.console.located_error("a.raj:1:2: no such \"thing\"");
+    written.console.debug("not told");
+    std::istringstream lines(written.text());
+    std::string line;
+    REQUIRE(std::getline(lines, line));
+    CHECK(Json::parse(line)["level"] == "warning");
+    CHECK(Json::parse(line)["program"] == "fraja-test");
+    REQUIRE(std::getline(lines, line));
+    CHECK(Json::parse(line)["message"] == "a.raj:1:2: no such \"thing\"");
+    CHECK(Json::parse(line)["level"] == "error");
 }
 
 TEST_CASE("messages that cannot be written are lost, and no more than that") {
