@@ -74,7 +74,7 @@ tab() {
              Row{"fraja-submit --kernel r", "reference "},
              Row{"fraja-submit ma", "marbles marble.raj "},
              Row{"fraja-broker --state ma", "marbles "},
-             Row{"fraja-worker --log-level w", "warning "},
+             Row{"fraja-worker --log-level e", "error "},
              Row{"fraja-watch -o marble.t", "marble.txt "},
              Row{"fraja-ctl wo", "workers "},
          }) {
@@ -157,6 +157,6 @@ TEST_CASE(
     pressed_until_offered({"fraja-watch", ""}, "cone\tcone #1 is ");
     pressed_until_offered({"fraja-ctl", "show", job.substr(0, 5)}, job);
     pressed_until_offered({"fraja-ctl", "drain", "a"}, "ada\t");
-    CHECK(offered(farm.endpoint(), {"fraja-ctl", "drain", "b"}).empty());
+    CHECK(offered(farm.endpoint(), {"fraja-ctl", "drain", "z"}).empty());
     CHECK(offered("tcp://127.0.0.1:1", {"fraja-watch", ""}).empty());
 }

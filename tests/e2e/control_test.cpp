@@ -281,9 +281,9 @@ TEST_CASE("a worker leaves by itself when it was idle, or its first work is over
 TEST_CASE("a worker that grew beyond its limit asks to be started again, and its tiles go on") {
     const Scratch scratch;
     Farm farm;
-    // Tiles of 12 MiB, and what a worker has before it draws any.
-    const std::string id =
-        farm.detach({scene("cone"), "-r", "2048x1024", "-d", "1", "--tile", "1024"});
+    // Tiles that take 36 MiB for some seconds, beside what a worker has before it draws any.
+    const std::string id = farm.detach(
+        {scene("cone"), "-r", "2048x1024", "-a", instrumented ? "2" : "4", "--tile", "1024"});
     Process small = start_worker(farm, {"--max-memory", "1M"});
     CHECK(small.wait_for_exit(patience) == 2);
     CHECK(small.err().find("before it draws anything") != std::string::npos);

@@ -61,7 +61,7 @@ Error system_error(const std::string& what) {
 
 /// Pictures that are drawn twice are to be the same files, and nobody's own settings are read.
 constexpr std::array<const char*, 2> every_test = {"SOURCE_DATE_EPOCH=0",
-                                                   "XDG_CONFIG_HOME=/nonexistent"};
+                                                   "XDG_CONFIG_HOME=/dev/null"};
 
 /// The test's environment with `extra` on top.
 std::vector<std::string> merged_environment(std::span<const std::string> extra) {
