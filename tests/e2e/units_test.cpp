@@ -144,6 +144,8 @@ TEST_CASE("the worker's unit drains to stop, and hands back at a second TERM") {
     };
     while (!has_tiles()) {
     }
+    manager.wait_for("WATCHDOG=1"); // by then the worker knows of them, too:
+    manager.wait_for("WATCHDOG=1"); // its loop has turned
     Process impatient = stop(busy, "0.5");
     CHECK(impatient.wait_for_exit(patience) == 0);
     CHECK_FALSE(busy.wait_for_exit(0s).has_value()); // it drains
