@@ -23,7 +23,7 @@ Told Repeats::Tally::tell() {
 }
 
 std::optional<Told> Repeats::take(Instant now, LogLine line) {
-    if (line.kind.empty())
+    if (line.kind.empty() || line.level == LogLevel::debug)
         return Told{std::move(line), 0};
     Kind& kind = kinds_[line.kind];
     if (!kind.all.has_room(now, limits_.kind)) {

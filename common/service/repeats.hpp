@@ -39,7 +39,8 @@ class Repeats {
 public:
     explicit Repeats(RepeatLimits limits = {}) : limits_(limits) {}
 
-    /// Nothing: the event is counted. Events without a kind are always told.
+    /// Nothing: the event is counted. Events without a kind are always told, and those of
+    /// level debug: whoever asks for these wants each, when it happens.
     [[nodiscard]] std::optional<Told> take(Instant now, LogLine line);
     /// Of those that were counted, and may be told by now, the last of each kind and subject.
     [[nodiscard]] std::vector<Told> due(Instant now);

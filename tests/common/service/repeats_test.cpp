@@ -126,3 +126,12 @@ TEST_CASE("what has no kind is always told, and nothing that was counted is lost
     CHECK(rest[0].more == 100 - log.limits.subject.burst - 1);
     CHECK(log.repeats.rest().empty());
 }
+
+TEST_CASE("what was asked for to find a fault is told when it happens, each") {
+    Log log;
+    for (int i = 0; i < 1000; ++i)
+        log.say({LogLevel::debug, "tile_done", "a worker", "text"});
+    CHECK(log.lines == 1000);
+    log.pass(1min);
+    CHECK(log.lines == 1000);
+}
