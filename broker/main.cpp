@@ -11,6 +11,7 @@
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
+#include "common/cli/state_folder.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/service/logger.hpp"
@@ -20,7 +21,6 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fmt/core.h>
 #include <optional>
@@ -54,15 +54,6 @@ struct Arguments {
     service::LogOptions log;
     bool check = false;
 };
-
-/// $XDG_STATE_HOME/fraja, or what the XDG specification puts in its place.
-std::string default_state() {
-    if (const char* state = std::getenv("XDG_STATE_HOME"); state && *state)
-        return std::string(state) + "/fraja";
-    if (const char* home = std::getenv("HOME"); home && *home)
-        return std::string(home) + "/.local/state/fraja";
-    return "none";
-}
 
 int fail(const std::string& message) {
     return cli::leave(cli::failure(program, message));
@@ -244,7 +235,7 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
         arguments.http = *endpoint;
     }
     if (arguments.state.empty())
-        arguments.state = default_state();
+        arguments.state = cli::state_folder().value_or("none").string();
     if (arguments.state != "none")
         options.state = arguments.state;
     return std::nullopt;
@@ -299,7 +290,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
             logger.log({LogLevel::warning, {}, {}, "everything stays as it was: " + early->text});
             return std::nullopt;
         }
-        logger.set_level(anew.log.level);
+        logger.set_level(anew.log.least());
         tell(
             "read its options again: --lease, --max-attempts, --quarantine, --keep and --log-level "
             "hold from now on, others from the next start");

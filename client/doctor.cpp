@@ -6,6 +6,7 @@
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/settings.hpp"
+#include "common/cli/state_folder.hpp"
 #include "common/image_io/picture_codec.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -13,7 +14,6 @@
 #include "common/render/kernel/render.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <fmt/core.h>
 #include <optional>
@@ -88,14 +88,6 @@ Finding examine_folder(const std::string& subject, fs::path folder) {
     if (space.available < disk_bytes_few)
         return {doubtful, subject, text, "make room before a long job"};
     return {good, subject, text, {}};
-}
-
-/// Where a broker of this user would keep its jobs.
-fs::path state_folder() {
-    if (const char* state = std::getenv("XDG_STATE_HOME"); state && *state)
-        return fs::path(state) / "fraja";
-    const char* home = std::getenv("HOME");
-    return home && *home ? fs::path(home) / ".local/state/fraja" : fs::path("/");
 }
 
 /// The first state of the farm, and how far one came towards it.
@@ -191,7 +183,7 @@ std::vector<Finding> examine_machine() {
             examine_descriptors(),
             examine_pictures(),
             examine_folder("folder", fs::current_path(ignored)),
-            examine_folder("state", state_folder())};
+            examine_folder("state", cli::state_folder().value_or("/"))};
 }
 
 std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix_time) {

@@ -2,8 +2,8 @@
 
 #include "client/settings_text.hpp"
 #include "common/image/quantise.hpp"
+#include "common/service/json_line.hpp"
 
-#include <ctime>
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
 
@@ -115,9 +115,9 @@ namespace {
 Json broker_object(const protocol::BrokerState& b) {
     const auto unix_time = std::chrono::system_clock::time_point(
         std::chrono::duration_cast<std::chrono::system_clock::duration>(b.unix_time));
-    Json json = {{"schema", "fraja.broker/1"},   {"broker", fraja::to_string(b.broker)},
-                 {"version", b.program_version}, {"uptime_s", seconds(b.uptime)},
-                 {"time", rfc3339(unix_time)},   {"keeps", b.keeps}};
+    Json json = {{"schema", "fraja.broker/1"},          {"broker", fraja::to_string(b.broker)},
+                 {"version", b.program_version},        {"uptime_s", seconds(b.uptime)},
+                 {"time", service::rfc3339(unix_time)}, {"keeps", b.keeps}};
     if (!b.trouble.empty())
         json["trouble"] = b.trouble;
     json["jobs"] = {{"known", b.jobs},
@@ -216,8 +216,8 @@ std::string submit_json(const SubmissionReport& r) {
         json["processor_s"] = seconds(r.processor_time);
     }
     json["wall_s"] = seconds(r.finished - r.started);
-    json["started"] = rfc3339(r.started);
-    json["finished"] = rfc3339(r.finished);
+    json["started"] = service::rfc3339(r.started);
+    json["finished"] = service::rfc3339(r.finished);
     return dumped(json);
 }
 
@@ -248,8 +248,8 @@ std::string film_json(const FilmReport& r) {
     }
     json["frames"] = std::move(frames);
     json["wall_s"] = seconds(r.finished - r.started);
-    json["started"] = rfc3339(r.started);
-    json["finished"] = rfc3339(r.finished);
+    json["started"] = service::rfc3339(r.started);
+    json["finished"] = service::rfc3339(r.finished);
     return dumped(json);
 }
 
@@ -271,16 +271,6 @@ std::string_view to_string(protocol::JobPhase phase) {
         return "cancelled";
     }
     return "unknown";
-}
-
-std::string rfc3339(std::chrono::system_clock::time_point time) {
-    const auto whole = std::chrono::floor<std::chrono::seconds>(time);
-    const auto ms = std::chrono::floor<std::chrono::milliseconds>(time - whole).count();
-    const std::time_t t = std::chrono::system_clock::to_time_t(whole);
-    std::tm utc{};
-    gmtime_r(&t, &utc);
-    return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", utc.tm_year + 1900,
-                       utc.tm_mon + 1, utc.tm_mday, utc.tm_hour, utc.tm_min, utc.tm_sec, ms);
 }
 
 } // namespace fraja::client

@@ -69,7 +69,5 @@ struct FilmReport {
 [[nodiscard]] std::string film_json(const FilmReport& report);
 
 [[nodiscard]] std::string_view to_string(protocol::JobPhase phase);
-/// "2025-11-22T21:41:16.123Z"
-[[nodiscard]] std::string rfc3339(std::chrono::system_clock::time_point time);
 
 } // namespace fraja::client

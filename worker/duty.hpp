@@ -44,7 +44,8 @@ public:
         enough,
         too_large, ///< it should be started again
     };
-    /// To be asked about once a second. `resident_bytes`: of the process.
+    /// To be asked about once a second. `resident_bytes`: of the process, where
+    /// there is a limit.
     [[nodiscard]] Verdict judge(Instant now, const Load& load, std::uint64_t resident_bytes);
 
 private:

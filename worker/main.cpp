@@ -256,7 +256,7 @@ private:
         logger_.tell_due();
         if (leaving_ || signal_count_ > 0)
             return;
-        const std::uint64_t resident = resident_bytes();
+        const std::uint64_t resident = terms_.memory_max > 0 ? resident_bytes() : 0;
         verdict_ = duty_.judge(net::now(), load, resident);
         if (verdict_ == worker::Duty::Verdict::go_on)
             return;

@@ -4,7 +4,6 @@
 #include <nlohmann/json.hpp>
 
 namespace fraja::service {
-namespace {
 
 std::string rfc3339(std::chrono::system_clock::time_point time) {
     namespace chrono = std::chrono;
@@ -13,8 +12,6 @@ std::string rfc3339(std::chrono::system_clock::time_point time) {
                        fmt::gmtime(chrono::system_clock::to_time_t(second)),
                        chrono::floor<chrono::milliseconds>(time - second).count());
 }
-
-} // namespace
 
 std::string_view name_of(LogLevel level) {
     switch (level) {

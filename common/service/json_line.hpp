@@ -15,6 +15,9 @@ namespace fraja::service {
 [[nodiscard]] std::string json_line(std::chrono::system_clock::time_point time,
                                     std::string_view program, const Told& told);
 
+/// "2025-11-22T21:41:16.123Z"
+[[nodiscard]] std::string rfc3339(std::chrono::system_clock::time_point time);
+
 /// As people and JSON read it.
 [[nodiscard]] std::string_view name_of(LogLevel level);
 

@@ -40,7 +40,7 @@ Logger::Logger(std::string program, const LogOptions& options)
     auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(color_mode(options.color));
     logger_ = std::make_shared<spdlog::logger>(program_, std::move(sink));
     logger_->set_pattern(as_json_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
-    logger_->set_level(spdlog::level::from_str(options.level));
+    set_level(options.least());
 }
 
 Logger::~Logger() {
@@ -48,8 +48,8 @@ Logger::~Logger() {
         write(told);
 }
 
-void Logger::set_level(const std::string& level) {
-    logger_->set_level(spdlog::level::from_str(level));
+void Logger::set_level(LogLevel least) {
+    logger_->set_level(to_spdlog(least));
 }
 
 void Logger::log(LogLine line) {

@@ -26,8 +26,8 @@ public:
     Logger& operator=(const Logger&) = delete;
 
     void log(LogLine line);
-    /// As LogOptions::level.
-    void set_level(const std::string& level);
+    /// What is told at least.
+    void set_level(LogLevel least);
     /// To be called about once a second: what was counted is told in its time.
     void tell_due();
 

@@ -4,6 +4,7 @@
 #include "client/settings_text.hpp"
 #include "client/submit_options.hpp"
 #include "client/table.hpp"
+#include "common/service/json_line.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -177,7 +178,7 @@ TEST_CASE("a submission's JSON has its job only when there was one") {
 }
 
 TEST_CASE("times are RFC 3339 in UTC") {
-    CHECK(rfc3339(std::chrono::system_clock::time_point(1'700'000'000'123ms)) ==
+    CHECK(service::rfc3339(std::chrono::system_clock::time_point(1'700'000'000'123ms)) ==
           "2023-11-14T22:13:20.123Z");
 }
 
