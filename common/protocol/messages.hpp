@@ -35,8 +35,8 @@ struct Rays {
     std::uint64_t box_tests = 0, form_tests = 0, shaded = 0;
     std::uint64_t skipped_pixels = 0, truncated_pixels = 0;
     friend bool operator==(const Rays&, const Rays&) = default;
+    template <class T = Rays>
     static constexpr auto fields() {
-        using T = Rays;
         return std::tuple{Field{"camera", &T::camera},
                           Field{"reflected", &T::reflected},
                           Field{"refracted", &T::refracted},
@@ -69,8 +69,8 @@ struct TileInFlight {
     AttemptNumber attempt{};
     std::uint64_t rays = 0; ///< traced so far; it must grow, or the tile hangs
     friend bool operator==(const TileInFlight&, const TileInFlight&) = default;
+    template <class T = TileInFlight>
     static constexpr auto fields() {
-        using T = TileInFlight;
         return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"rays", &T::rays}};
     }
@@ -155,8 +155,8 @@ struct Wishes {
     FilmId film;                   ///< of which this is a frame; zero: it is a single picture
     std::uint32_t frame = 0;       ///< its number there
     friend bool operator==(const Wishes&, const Wishes&) = default;
+    template <class T = Wishes>
     static constexpr auto fields() {
-        using T = Wishes;
         return std::tuple{Field{"schedule", &T::schedule}, Field{"workers_max", &T::workers_max},
                           Field{"tags", &T::tags}, Field{"film", &T::film},
                           Field{"frame", &T::frame}};
@@ -178,8 +178,8 @@ struct WorkerHello {
     std::vector<std::string> tags;
     std::string program_version;
     friend bool operator==(const WorkerHello&, const WorkerHello&) = default;
+    template <class T = WorkerHello>
     static constexpr auto fields() {
-        using T = WorkerHello;
         return std::tuple{Field{"worker", &T::worker},
                           Field{"incarnation", &T::incarnation},
                           Field{"worker_name", &T::worker_name},
@@ -198,8 +198,8 @@ struct ClientHello {
     std::string client_name;
     std::string program_version;
     friend bool operator==(const ClientHello&, const ClientHello&) = default;
+    template <class T = ClientHello>
     static constexpr auto fields() {
-        using T = ClientHello;
         return std::tuple{Field{"client_name", &T::client_name},
                           Field{"program_version", &T::program_version}};
     }
@@ -216,8 +216,8 @@ struct Welcome {
     std::string program_version;
     std::uint64_t incarnation = 0;
     friend bool operator==(const Welcome&, const Welcome&) = default;
+    template <class T = Welcome>
     static constexpr auto fields() {
-        using T = Welcome;
         return std::tuple{
             Field{"broker", &T::broker},          Field{"epoch", &T::epoch},
             Field{"heartbeat", &T::heartbeat},    Field{"liveness", &T::liveness},
@@ -233,9 +233,10 @@ struct Refused {
     JobId job;
     std::string reason;
     friend bool operator==(const Refused&, const Refused&) = default;
+    template <class T = Refused>
     static constexpr auto fields() {
-        return std::tuple{Field{"code", &Refused::code}, Field{"job", &Refused::job},
-                          Field{"reason", &Refused::reason}};
+        return std::tuple{Field{"code", &T::code}, Field{"job", &T::job},
+                          Field{"reason", &T::reason}};
     }
 };
 
@@ -253,10 +254,10 @@ struct WorkerBeat {
     std::vector<TileInFlight> in_flight;
     std::uint64_t tiles_received = 0;
     friend bool operator==(const WorkerBeat&, const WorkerBeat&) = default;
+    template <class T = WorkerBeat>
     static constexpr auto fields() {
-        return std::tuple{Field{"credit", &WorkerBeat::credit},
-                          Field{"in_flight", &WorkerBeat::in_flight},
-                          Field{"tiles_received", &WorkerBeat::tiles_received}};
+        return std::tuple{Field{"credit", &T::credit}, Field{"in_flight", &T::in_flight},
+                          Field{"tiles_received", &T::tiles_received}};
     }
 };
 
@@ -283,9 +284,9 @@ struct NeedChunk {
     ContentHash blob;
     std::uint64_t offset_bytes = 0;
     friend bool operator==(const NeedChunk&, const NeedChunk&) = default;
+    template <class T = NeedChunk>
     static constexpr auto fields() {
-        return std::tuple{Field{"blob", &NeedChunk::blob},
-                          Field{"offset_bytes", &NeedChunk::offset_bytes}};
+        return std::tuple{Field{"blob", &T::blob}, Field{"offset_bytes", &T::offset_bytes}};
     }
 };
 
@@ -296,8 +297,8 @@ struct Chunk {
     std::uint64_t offset_bytes = 0;
     std::uint64_t total_bytes = 0;
     std::vector<Blob> blobs; ///< exactly one
+    template <class T = Chunk>
     static constexpr auto fields() {
-        using T = Chunk;
         return std::tuple{Field{"blob", &T::blob}, Field{"offset_bytes", &T::offset_bytes},
                           Field{"total_bytes", &T::total_bytes}};
     }
@@ -319,8 +320,8 @@ struct SubmitJob {
     Wishes wishes;
     bool resume = false;
     friend bool operator==(const SubmitJob&, const SubmitJob&) = default;
+    template <class T = SubmitJob>
     static constexpr auto fields() {
-        using T = SubmitJob;
         return std::tuple{Field{"job", &T::job},           Field{"job_name", &T::job_name},
                           Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
                           Field{"settings", &T::settings}, Field{"tile_side", &T::tile_side},
@@ -353,8 +354,8 @@ struct JobState {
     FilmId film;
     std::uint32_t frame = 0;
     friend bool operator==(const JobState&, const JobState&) = default;
+    template <class T = JobState>
     static constexpr auto fields() {
-        using T = JobState;
         return std::tuple{Field{"epoch", &T::epoch},
                           Field{"job", &T::job},
                           Field{"number", &T::number},
@@ -393,8 +394,8 @@ struct ControlJob {
     JobDeed deed{};
     std::int32_t priority = 0; ///< to set
     friend bool operator==(const ControlJob&, const ControlJob&) = default;
+    template <class T = ControlJob>
     static constexpr auto fields() {
-        using T = ControlJob;
         return std::tuple{Field{"job", &T::job}, Field{"deed", &T::deed},
                           Field{"priority", &T::priority}};
     }
@@ -407,9 +408,10 @@ struct Repair {
     std::uint32_t tiles_max = 0;
     Bytes have;
     friend bool operator==(const Repair&, const Repair&) = default;
+    template <class T = Repair>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &Repair::job}, Field{"tiles_max", &Repair::tiles_max},
-                          Field{"have", &Repair::have}};
+        return std::tuple{Field{"job", &T::job}, Field{"tiles_max", &T::tiles_max},
+                          Field{"have", &T::have}};
     }
 };
 
@@ -419,9 +421,9 @@ struct RepairDone {
     JobState state;
     std::uint32_t remaining_count = 0;
     friend bool operator==(const RepairDone&, const RepairDone&) = default;
+    template <class T = RepairDone>
     static constexpr auto fields() {
-        return std::tuple{Field{"state", &RepairDone::state},
-                          Field{"remaining_count", &RepairDone::remaining_count}};
+        return std::tuple{Field{"state", &T::state}, Field{"remaining_count", &T::remaining_count}};
     }
 };
 
@@ -431,8 +433,9 @@ struct ControlWorker {
     std::string what;
     WorkerDeed deed{};
     friend bool operator==(const ControlWorker&, const ControlWorker&) = default;
+    template <class T = ControlWorker>
     static constexpr auto fields() {
-        return std::tuple{Field{"what", &ControlWorker::what}, Field{"deed", &ControlWorker::deed}};
+        return std::tuple{Field{"what", &T::what}, Field{"deed", &T::deed}};
     }
 };
 
@@ -452,8 +455,8 @@ struct RenderTile {
     PictureSettings settings;
     std::uint32_t probe_side = 0;
     friend bool operator==(const RenderTile&, const RenderTile&) = default;
+    template <class T = RenderTile>
     static constexpr auto fields() {
-        using T = RenderTile;
         return std::tuple{Field{"job", &T::job},           Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt},   Field{"frame", &T::frame},
                           Field{"pass", &T::pass},         Field{"rect", &T::rect},
@@ -471,8 +474,8 @@ struct TileRendered {
     Rays rays;
     Duration elapsed{};
     std::vector<Blob> blobs; ///< the pixels, cut into frames
+    template <class T = TileRendered>
     static constexpr auto fields() {
-        using T = TileRendered;
         return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
                           Field{"elapsed", &T::elapsed}};
@@ -488,8 +491,8 @@ struct TileFailed {
     FailureCode code{};
     std::string reason;
     friend bool operator==(const TileFailed&, const TileFailed&) = default;
+    template <class T = TileFailed>
     static constexpr auto fields() {
-        using T = TileFailed;
         return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"code", &T::code},
                           Field{"reason", &T::reason}};
@@ -503,9 +506,10 @@ struct CancelTile {
     TileIndex tile{};
     AttemptNumber attempt{};
     friend bool operator==(const CancelTile&, const CancelTile&) = default;
+    template <class T = CancelTile>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &CancelTile::job}, Field{"tile", &CancelTile::tile},
-                          Field{"attempt", &CancelTile::attempt}};
+        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt}};
     }
 };
 
@@ -523,8 +527,8 @@ struct TileDone {
     Rays rays;
     Duration elapsed{};
     std::vector<Blob> blobs; ///< the pixels, cut into frames
+    template <class T = TileDone>
     static constexpr auto fields() {
-        using T = TileDone;
         return std::tuple{Field{"job", &T::job},     Field{"tile", &T::tile},
                           Field{"frame", &T::frame}, Field{"pass", &T::pass},
                           Field{"rect", &T::rect},   Field{"worker_name", &T::worker_name},
@@ -538,8 +542,9 @@ struct Barrier {
     Nonce nonce;
     std::uint64_t epoch = 0;
     friend bool operator==(const Barrier&, const Barrier&) = default;
+    template <class T = Barrier>
     static constexpr auto fields() {
-        return std::tuple{Field{"nonce", &Barrier::nonce}, Field{"epoch", &Barrier::epoch}};
+        return std::tuple{Field{"nonce", &T::nonce}, Field{"epoch", &T::epoch}};
     }
 };
 
@@ -555,8 +560,8 @@ struct WorkerState {
     Duration quarantined{};
     std::vector<std::string> tags;
     friend bool operator==(const WorkerState&, const WorkerState&) = default;
+    template <class T = WorkerState>
     static constexpr auto fields() {
-        using T = WorkerState;
         return std::tuple{Field{"worker", &T::worker},
                           Field{"worker_name", &T::worker_name},
                           Field{"threads", &T::threads},
@@ -594,8 +599,8 @@ struct BrokerState {
     Rays rays;
     Duration render_time{};
     friend bool operator==(const BrokerState&, const BrokerState&) = default;
+    template <class T = BrokerState>
     static constexpr auto fields() {
-        using T = BrokerState;
         return std::tuple{Field{"broker", &T::broker},
                           Field{"program_version", &T::program_version},
                           Field{"uptime", &T::uptime},
@@ -629,10 +634,10 @@ struct FarmState {
     std::vector<WorkerState> workers;
     BrokerState broker;
     friend bool operator==(const FarmState&, const FarmState&) = default;
+    template <class T = FarmState>
     static constexpr auto fields() {
-        return std::tuple{Field{"epoch", &FarmState::epoch}, Field{"jobs", &FarmState::jobs},
-                          Field{"workers", &FarmState::workers},
-                          Field{"broker", &FarmState::broker}};
+        return std::tuple{Field{"epoch", &T::epoch}, Field{"jobs", &T::jobs},
+                          Field{"workers", &T::workers}, Field{"broker", &T::broker}};
     }
 };
 

@@ -38,8 +38,8 @@ struct PictureSettings {
     bool layers = false;
 
     friend bool operator==(const PictureSettings&, const PictureSettings&) = default;
+    template <class T = PictureSettings>
     static constexpr auto fields() {
-        using T = PictureSettings;
         return std::tuple{Field{"size", &T::size},
                           Field{"crop", &T::crop},
                           Field{"depth", &T::depth},
