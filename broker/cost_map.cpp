@@ -1,6 +1,7 @@
 #include "broker/cost_map.hpp"
 
 #include "common/base/assert.hpp"
+#include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -22,8 +23,16 @@ constexpr double risk_share = 0.5;
 
 } // namespace
 
-CostMap::CostMap(const protocol::CellGrid& grid)
-    : grid_(grid), spot_side_(std::max(1u, spot_pixels / grid.side())),
+double camera_rays_min(const protocol::PictureSettings& s) {
+    if (s.error > 0)
+        return protocol::samples_min;
+    if (s.spp > 0)
+        return s.spp;
+    return std::max(1.0, static_cast<double>(s.aa) * s.aa);
+}
+
+CostMap::CostMap(const protocol::CellGrid& grid, double camera_rays)
+    : grid_(grid), camera_rays_(camera_rays), spot_side_(std::max(1u, spot_pixels / grid.side())),
       block_side_(std::max(1u, block_pixels / grid.side() / spot_side_) * spot_side_) {
     const CellRect all = grid.all();
     const auto count = [](std::uint32_t cells, std::uint32_t side) {
@@ -94,7 +103,7 @@ void CostMap::take_probe(const std::vector<double>& rays) {
 }
 
 double CostMap::scale() const {
-    return done_prior_ > 0 ? done_work_ / done_prior_ : 1;
+    return done_prior_ > 0 ? done_work_ / done_prior_ : camera_rays_;
 }
 
 double CostMap::density(const Spot& spot) const {
@@ -169,9 +178,21 @@ double CostMap::left() const {
     return std::max(0.0, left_known_) + std::max(0.0, left_prior_) * scale();
 }
 
-double CostMap::share_done() const {
-    const double all = done_work_ + left();
-    return all > 0 ? std::clamp(done_work_ / all, 0.0, 1.0) : 0;
+/// What takes longer than was thought tells that the rest will, too.
+double CostMap::all(const TilesBegun& begun) const {
+    const double thought = done_work_ + begun.thought;
+    const double longer = thought > 0 ? (done_work_ + begun.expected) / thought : 1;
+    return done_work_ + longer * left();
+}
+
+double CostMap::share_per_s(const TilesBegun& begun) const {
+    const double all = this->all(begun);
+    return all > 0 ? begun.per_s / all : 0;
+}
+
+double CostMap::share_done(const TilesBegun& begun) const {
+    const double all = this->all(begun);
+    return all > 0 ? std::clamp((done_work_ + begun.work) / all, 0.0, 1.0) : 0;
 }
 
 } // namespace fraja::broker

@@ -3,11 +3,23 @@
 #pragma once
 
 #include "common/protocol/cells.hpp"
+#include "common/protocol/settings.hpp"
 
 #include <cstdint>
 #include <vector>
 
 namespace fraja::broker {
+
+/// Of a pixel of such a picture, or of a pass of it.
+[[nodiscard]] double camera_rays_min(const protocol::PictureSettings& settings);
+
+/// Tiles that are being drawn, together.
+struct TilesBegun {
+    double work = 0;     ///< that has been done of them
+    double thought = 0;  ///< that they were thought to be
+    double expected = 0; ///< that they are thought to be now that they have taken so long
+    double per_s = 0;    ///< done of them in a second
+};
 
 /// Work is told in rays, as they are on the average: one that takes twice as long counts twice.
 /// A picture is looked at in spots, squares of cells of about 16 pixels; and cut at first in
@@ -15,7 +27,8 @@ namespace fraja::broker {
 class CostMap {
 public:
     CostMap() = default;
-    explicit CostMap(const protocol::CellGrid& grid);
+    /// `camera_rays`: of a pixel, as long as nothing is done.
+    explicit CostMap(const protocol::CellGrid& grid, double camera_rays = 1);
 
     [[nodiscard]] std::uint32_t block_side() const { return block_side_; } ///< in cells
     [[nodiscard]] std::uint32_t block_columns() const { return block_columns_; }
@@ -49,7 +62,9 @@ public:
     [[nodiscard]] double left() const;
     [[nodiscard]] double done() const { return done_work_; }
     /// 0 to 1.
-    [[nodiscard]] double share_done() const;
+    [[nodiscard]] double share_done(const TilesBegun& begun = {}) const;
+    /// So much more of it in a second.
+    [[nodiscard]] double share_per_s(const TilesBegun& begun) const;
 
 private:
     struct Spot {
@@ -58,6 +73,7 @@ private:
         double left_work = 0; ///< as it counts in left_known_
     };
     [[nodiscard]] double scale() const;
+    [[nodiscard]] double all(const TilesBegun& begun) const;
     [[nodiscard]] double density(const Spot& spot) const;
     [[nodiscard]] double density_at_risk(std::size_t spot) const;
     void learn(Spot& spot, double pixels, double work);
@@ -69,6 +85,7 @@ private:
     std::uint32_t spot_side_ = 1, spot_columns_ = 0; ///< the side in cells
     std::uint32_t block_side_ = 1, block_columns_ = 0, block_rows_ = 0;
     std::vector<Spot> spots_;
+    double camera_rays_ = 1;
     bool probed_ = false;
     double done_work_ = 0, done_pixels_ = 0;
     double done_prior_ = 0; ///< what the prior said of what is done

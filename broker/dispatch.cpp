@@ -31,14 +31,6 @@ bool fits(const std::string& wanted, const std::string& tag) {
            (tag.size() > wanted.size() && tag.starts_with(wanted) && tag[wanted.size()] == '=');
 }
 
-double samples_of(const PictureSettings& s) {
-    if (s.error > 0)
-        return samples_min;
-    if (s.spp > 0)
-        return s.spp;
-    return std::max(1.0, static_cast<double>(s.aa) * s.aa);
-}
-
 } // namespace
 
 void Dispatcher::update_load(const PeerId& peer, WorkerSession& worker) {
@@ -239,7 +231,7 @@ std::optional<std::uint32_t> Dispatcher::probe_side(const Job& job) const {
     const auto pixels = static_cast<double>(s.crop.pixel_count());
     const auto squares_max =
         std::min(limits_.probe_squares_max,
-                 static_cast<std::uint64_t>(pixels * samples_of(s) * probe_share));
+                 static_cast<std::uint64_t>(pixels * camera_rays_min(s) * probe_share));
     if (squares_max < probe_squares_min)
         return std::nullopt;
     std::uint32_t side = job.grid().side();

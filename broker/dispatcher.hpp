@@ -266,6 +266,7 @@ private:
     [[nodiscard]] bool somebody_has_tiles() const;
 
     // tiles.cpp: and what becomes of it
+    [[nodiscard]] TilesBegun begun(const Job& job) const;
     [[nodiscard]] std::optional<Grant> end_grant(const PeerId& peer, WorkerSession& worker,
                                                  const GrantKey& key);
     void tile_rendered(const PeerId& peer, WorkerSession& worker,

@@ -26,7 +26,8 @@ std::uint32_t side_of(const protocol::SubmitJob& s) {
 Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
     : priority(submission.priority), submission_(std::move(submission)), number_(number),
       client_(std::move(client)), party_(std::make_shared<Party>(number, submission_.wishes)),
-      grid_(submission_.settings.crop, side_of(submission_)), costs_(grid_),
+      grid_(submission_.settings.crop, side_of(submission_)),
+      costs_(grid_, camera_rays_min(submission_.settings)),
       passes_(protocol::pass_count(submission_.settings)),
       done_(static_cast<std::size_t>(grid_.count() * passes_)), first_pass_left_(grid_.count()) {
     fresh_blocks_.resize(std::size_t{costs_.block_columns()} * costs_.block_rows());
@@ -353,7 +354,7 @@ std::uint64_t Job::stored_bytes() const {
            results_.size() * tile_overhead_bytes;
 }
 
-protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {
+protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun& begun) const {
     const protocol::PictureSettings& s = submission_.settings;
     const std::uint64_t cells = grid_.count() * protocol::pass_count(s);
     return {.epoch = epoch,
@@ -370,7 +371,8 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now) const {
             .share_done = phase == protocol::JobPhase::done ? 1
                           : s.limited_in_time()
                               ? static_cast<double>(done_count_) / static_cast<double>(cells)
-                              : costs_.share_done(),
+                              : costs_.share_done(begun),
+            .share_per_s = s.limited_in_time() ? 0 : costs_.share_per_s(begun),
             .priority = priority,
             .in_flight_count = static_cast<std::uint32_t>(in_flight_count_),
             .worker_count = static_cast<std::uint32_t>(workers_.size()),

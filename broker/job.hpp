@@ -119,6 +119,10 @@ public:
     [[nodiscard]] const std::map<PeerId, std::uint32_t>& workers() const { return workers_; }
     /// Whether the tile is open and that attempt is the one it is assigned to now.
     [[nodiscard]] bool assigned_as(OpenTileId id, AttemptNumber attempt) const;
+    /// Likewise, and no parts of it are open beside it.
+    [[nodiscard]] bool assigned_alone_as(OpenTileId id, AttemptNumber attempt) const {
+        return assigned_as(id, attempt) && !open_.at(id).covered;
+    }
 
     /// For schedules that deal everything out at the start: what is pending belongs to these
     /// workers, to each as much as its share says, of the pixels or of the work. Whoever else asks
@@ -221,7 +225,9 @@ public:
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
     [[nodiscard]] Duration render_time() const { return render_time_; }
-    [[nodiscard]] protocol::JobState state(std::uint64_t epoch, Instant now) const;
+    /// `begun`: the tiles in flight.
+    [[nodiscard]] protocol::JobState state(std::uint64_t epoch, Instant now,
+                                           const TilesBegun& begun = {}) const;
 
 private:
     /// Where a pending tile stands in its queue: the most work first, or in the order asked for.

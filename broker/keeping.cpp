@@ -82,7 +82,7 @@ void Dispatcher::on(const StoreWorks&) {
 }
 
 JobState Dispatcher::state_of(const Job& job) const {
-    JobState state = job.state(identity_.epoch, now_);
+    JobState state = job.state(identity_.epoch, now_, begun(job));
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));

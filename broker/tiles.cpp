@@ -21,7 +21,36 @@ std::string described(const Job& job, const Tile& tile) {
            std::to_string(r.height) + ")";
 }
 
+// Of a tile that takes longer than was thought: so much longer again, of the time that it is late.
+constexpr double late_share = 0.5;
+
 } // namespace
+
+/// The job's tiles that are being drawn, going by their workers' speeds and by when they began; of
+/// those whose scene has to come first, by what has been heard.
+TilesBegun Dispatcher::begun(const Job& job) const {
+    TilesBegun all;
+    for (const auto& [peer, count] : job.workers()) {
+        const auto worker = workers_.find(peer);
+        if (worker == workers_.end())
+            continue;
+        const double speed = speed_of(worker->second);
+        for (const auto& [key, grant] : worker->second.grants) {
+            const bool is_drawn =
+                grant.fetches_scene ? grant.has_begun() : grant.started_at.has_value();
+            if (key.job != job.id() || !is_drawn || !job.assigned_alone_as(grant.id, key.attempt))
+                continue;
+            const double work = grant.fetches_scene ? static_cast<double>(grant.rays)
+                                                    : seconds(now_ - *grant.started_at) * speed;
+            const double thought = job.costs().work(grant.tile.cells); // by what is known now
+            all.work += work;
+            all.thought += thought;
+            all.expected += std::max(thought, work + late_share * (work - thought));
+            all.per_s += speed;
+        }
+    }
+    return all;
+}
 
 /// An answer has come: its credit is free again. Nothing when nobody waits for it.
 std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, WorkerSession& worker,

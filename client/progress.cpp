@@ -37,6 +37,12 @@ double share_done(const protocol::JobState& s) {
     return std::clamp(seconds(s.elapsed) / seconds(s.settings.time_limit), tiles, 0.99);
 }
 
+double share_per_s(const protocol::JobState& s) {
+    if (!s.settings.limited_in_time())
+        return std::max(0.0, s.share_per_s);
+    return s.phase == protocol::JobPhase::running ? 1 / seconds(s.settings.time_limit) : 0;
+}
+
 std::string progress_line(const ProgressView& v) {
     std::string line = fmt::format("{} #{}  {}%", v.job_name, v.number, v.percent());
     if (!v.connected)
@@ -55,6 +61,31 @@ std::string progress_line(const ProgressView& v) {
     return line;
 }
 
+void RateMeter::update(Duration elapsed, std::uint64_t rays) {
+    samples_.push_back({elapsed, rays});
+    while (samples_.size() > 2 && samples_[1].elapsed <= elapsed - rate_window)
+        samples_.pop_front();
+}
+
+bool RateMeter::goes_on(Duration elapsed, std::uint64_t rays) const {
+    return samples_.empty() || (elapsed >= samples_.back().elapsed && rays >= samples_.back().rays);
+}
+
+double RateMeter::since(const Sample& first) const {
+    if (samples_.empty())
+        return 0;
+    const double span = seconds(samples_.back().elapsed - first.elapsed);
+    return span > 0.01 ? static_cast<double>(samples_.back().rays - first.rays) / span : 0;
+}
+
+double RateMeter::rays_per_s() const {
+    return samples_.empty() ? 0 : since(samples_.front());
+}
+
+double RateMeter::mean_rays_per_s() const {
+    return since({});
+}
+
 void ProgressMeter::update(const protocol::JobState& s) {
     view_.job_name = s.job_name;
     view_.number = s.number;
@@ -65,19 +96,11 @@ void ProgressMeter::update(const protocol::JobState& s) {
     view_.worker_count = s.worker_count;
     view_.elapsed = s.elapsed;
 
-    if (!samples_.empty() &&
-        (s.elapsed < samples_.back().elapsed || s.rays.total() < samples_.back().rays))
-        samples_.clear(), remaining_ = {}; // another broker, or one without a memory
-    samples_.push_back({s.elapsed, s.rays.total()});
-    while (samples_.size() > 2 && samples_[1].elapsed <= s.elapsed - rate_window)
-        samples_.pop_front();
-    // At the end the whole run counts, not its last seconds.
-    const Sample first = is_over(s.phase) ? Sample{} : samples_.front();
-    const double span = seconds(s.elapsed - first.elapsed);
-    view_.rays_per_s =
-        span > 0.01 ? static_cast<double>(samples_.back().rays - first.rays) / span : 0;
-
-    remaining_.update(s.elapsed, view_.share, s.worker_count);
+    if (!rate_.goes_on(s.elapsed, s.rays.total()))
+        rate_ = {}, remaining_ = {}; // another broker, or one without a memory
+    rate_.update(s.elapsed, s.rays.total());
+    remaining_.update(s.elapsed, view_.share, share_per_s(s));
+    view_.rays_per_s = is_over(s.phase) ? rate_.mean_rays_per_s() : rate_.rays_per_s();
     view_.remaining = is_over(s.phase) ? std::nullopt : remaining_.left();
 }
 

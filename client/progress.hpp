@@ -37,8 +37,32 @@ struct ProgressView {
 /// `cone #17  63%  12 workers  38.1 Mray/s  0:42 < 0:25`
 [[nodiscard]] std::string progress_line(const ProgressView& view);
 
+/// So much more of it each second, as it goes now; 0: not known, or it stands still.
+[[nodiscard]] double share_per_s(const protocol::JobState& state);
+
 /// "38.1 Mray/s": three digits and a prefix.
 [[nodiscard]] std::string format_rate(double rays_per_s);
+
+/// How many rays a second were traced of late.
+class RateMeter {
+public:
+    /// Both grow.
+    void update(Duration elapsed, std::uint64_t rays);
+    /// 0: not known.
+    [[nodiscard]] double rays_per_s() const;
+    /// From the beginning on.
+    [[nodiscard]] double mean_rays_per_s() const;
+    /// Whether it goes on from what was told last.
+    [[nodiscard]] bool goes_on(Duration elapsed, std::uint64_t rays) const;
+
+private:
+    struct Sample {
+        Duration elapsed{};
+        std::uint64_t rays = 0;
+    };
+    [[nodiscard]] double since(const Sample& first) const;
+    std::deque<Sample> samples_; ///< of the last seconds
+};
 
 /// Derives speed and remaining time from the states of one job. The broker's clock counts
 /// (JobState::elapsed), so a late reader sees the same.
@@ -49,12 +73,8 @@ public:
     [[nodiscard]] const ProgressView& view() const { return view_; }
 
 private:
-    struct Sample {
-        Duration elapsed{};
-        std::uint64_t rays = 0;
-    };
     ProgressView view_;
-    std::deque<Sample> samples_; ///< of the last seconds
+    RateMeter rate_;
     Remaining remaining_;
 };
 

@@ -1,7 +1,6 @@
 #include "client/remaining.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 namespace fraja::client {
@@ -9,60 +8,33 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr double under_way_share = 0.01;
-constexpr Duration known_after = 1s;        // by the mean, until there is a line
-constexpr Duration line_length_min = 2s;    // that says more than the mean
-constexpr double workers_change_min = 0.25; // of them, that makes it another farm,
-constexpr Duration change_length_min = 2s;  // unless they are soon back
+constexpr Duration standing_still = 3s; // then nobody knows when it goes on
+
+/// Over so long the pace is smoothed: tiles come and go, and other jobs have their turns.
+Duration smoothing(Duration elapsed) {
+    return std::clamp<Duration>(elapsed / 20, 500ms, 20s);
+}
 
 } // namespace
 
-void Remaining::Line::add(double time, double done) {
-    n += 1;
-    t += time;
-    s += done;
-    tt += time * time;
-    ts += time * done;
-}
-
-double Remaining::Line::slope() const {
-    const double spread = n * tt - t * t;
-    return spread > 0 ? std::max(0.0, (n * ts - t * s) / spread) : 0;
-}
-
-bool Remaining::is_another_farm(Duration elapsed, std::uint32_t worker_count) {
-    const double before = line_->workers, change = std::abs(worker_count - before);
-    if (worker_count == 0 || change <= workers_change_min * before) {
-        other_since_.reset();
-        return false;
-    }
-    if (!other_since_)
-        other_since_ = elapsed;
-    return elapsed - *other_since_ >= change_length_min;
-}
-
-void Remaining::update(Duration elapsed, double share, std::uint32_t worker_count) {
-    elapsed_ = elapsed;
+void Remaining::update(Duration elapsed, double share, double share_per_s) {
     share_ = share;
-    if (share <= 0)
-        idle_ = elapsed;
-    if (share < under_way_share)
+    elapsed_ = elapsed;
+    if (share_per_s <= 0) {
+        if (elapsed - paced_at_ > standing_still)
+            pace_ = 0;
         return;
-    if (!line_ || is_another_farm(elapsed, worker_count))
-        line_ = Line{.begin = elapsed, .share = share, .workers = worker_count};
-    line_->add(seconds(elapsed - line_->begin), share - line_->share);
-    if (elapsed - line_->begin >= std::max<Duration>(line_length_min, idle_ / 2))
-        slope_ = line_->slope();
+    }
+    const double old =
+        pace_ > 0 ? std::exp(-seconds(elapsed - paced_at_) / seconds(smoothing(elapsed))) : 0;
+    pace_ = old * pace_ + (1 - old) * share_per_s;
+    paced_at_ = elapsed;
 }
 
 std::optional<Duration> Remaining::left() const {
-    if (share_ <= 0 || elapsed_ < known_after)
+    if (pace_ <= 0)
         return std::nullopt;
-    // The first tiles come together: soon after them the mean of all the time tells more.
-    const Duration working = elapsed_ - idle_;
-    const bool well_under_way = working >= std::max<Duration>(known_after, idle_ / 2);
-    const double mean = share_ / seconds(well_under_way ? working : elapsed_);
-    return from_seconds((1 - share_) / (slope_ > 0 ? slope_ : mean));
+    return from_seconds((1 - share_) / pace_);
 }
 
 } // namespace fraja::client

@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 8;
+inline constexpr std::uint16_t version = 9;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -345,6 +345,7 @@ struct JobState {
     std::uint32_t cell_count = 0;
     std::uint32_t done_count = 0;
     double share_done = 0;
+    double share_per_s = 0;
     std::int32_t priority = 0;
     std::uint32_t in_flight_count = 0;
     std::uint32_t worker_count = 0;
@@ -368,6 +369,7 @@ struct JobState {
                           Field{"cell_count", &T::cell_count},
                           Field{"done_count", &T::done_count},
                           Field{"share_done", &T::share_done},
+                          Field{"share_per_s", &T::share_per_s},
                           Field{"priority", &T::priority},
                           Field{"in_flight_count", &T::in_flight_count},
                           Field{"worker_count", &T::worker_count},

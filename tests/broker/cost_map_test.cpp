@@ -68,6 +68,21 @@ TEST_CASE("what is done tells what its spot costs, and how good the probe is for
     CHECK(costs.work({2, 1, 2, 1}) < 110.0 * 8 * 16);
 }
 
+TEST_CASE("what is being drawn counts as far as it is, and tells how long the rest will take") {
+    CostMap costs = map_of_eight();
+    costs.take_probe(std::vector<double>(8, 1));
+    const double spot = 16 * 16;
+    costs.learn({0, 0, 2, 2}, spot);
+    TilesBegun begun{.work = spot / 2, .thought = spot, .expected = spot, .per_s = spot / 4};
+    CHECK(costs.share_done(begun) == doctest::Approx(1.5 / 8));
+    CHECK(costs.share_per_s(begun) == doctest::Approx(0.25 / 8));
+    begun.work = 3 * spot; // it was thought to be one
+    begun.expected = 4 * spot;
+    CHECK(costs.share_done(begun) == doctest::Approx((1.0 + 3) / (1 + 7 * 2.5)));
+    CHECK(costs.share_per_s(begun) == doctest::Approx(0.25 / (1 + 7 * 2.5)));
+    CHECK(costs.share_per_s({}) == 0);
+}
+
 TEST_CASE("the work of a tile of several spots was where it was thought to be") {
     CostMap costs = map_of_eight();
     costs.take_probe({1, 3, 1, 1, 1, 1, 1, 1});

@@ -16,6 +16,7 @@ protocol::JobState running(Duration elapsed, std::uint32_t done, std::uint64_t r
     state.cell_count = 100;
     state.done_count = done;
     state.share_done = done / 100.0;
+    state.share_per_s = 0.01;
     state.worker_count = 12;
     state.rays.camera = rays;
     state.elapsed = elapsed;
@@ -97,9 +98,11 @@ TEST_CASE("rates have three digits and a prefix") {
         CHECK(format_rate(row.rate) == row.want);
 }
 
-TEST_CASE("speed is that of the last seconds, time left goes by the share done") {
+TEST_CASE("speed is that of the last seconds, time left goes by the share that each brings") {
     ProgressMeter meter;
-    meter.update(running(0s, 0, 0));
+    protocol::JobState at_first = running(0s, 0, 0);
+    at_first.share_per_s = 0;
+    meter.update(at_first);
     CHECK(meter.view().rays_per_s == 0);
     CHECK_FALSE(meter.view().remaining.has_value());
     for (int s = 1; s <= 20; ++s)
