@@ -188,6 +188,16 @@ std::string progress_json(const ProgressView& v) {
     return dumped(json);
 }
 
+std::string film_progress_json(const FilmView& v) {
+    Json json = {{"schema", "fraja.film_progress/1"},  {"film", fraja::to_string(v.film)},
+                 {"frames_done", v.moment.written},    {"frames", v.moment.frame_count},
+                 {"frames_at_hand", v.moment.at_hand}, {"share_done", v.share},
+                 {"rays_per_s", v.rays_per_s},         {"elapsed_s", seconds(v.elapsed)}};
+    if (v.remaining)
+        json["remaining_s"] = seconds(*v.remaining);
+    return dumped(json);
+}
+
 std::string submit_json(const SubmissionReport& r) {
     Json json = {{"schema", "fraja.submit/1"}, {"state", r.state}};
     json["exit_code"] = static_cast<int>(r.outcome.code);

@@ -3,6 +3,7 @@
 
 #include "client/doctor.hpp"
 #include "client/exit_code.hpp"
+#include "client/film_progress.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "client/table.hpp"
@@ -32,6 +33,8 @@ namespace fraja::client {
 [[nodiscard]] std::string farm_json(const protocol::FarmState& farm);
 /// fraja.progress/1
 [[nodiscard]] std::string progress_json(const ProgressView& view);
+/// fraja.film_progress/1
+[[nodiscard]] std::string film_progress_json(const FilmView& view);
 
 /// What is known of a submission when it is over.
 struct SubmissionReport {

@@ -1,5 +1,6 @@
 #include "client/submit_film.hpp"
 
+#include "client/film_progress.hpp"
 #include "client/film_scenes.hpp"
 #include "client/frames.hpp"
 #include "client/json.hpp"
@@ -46,8 +47,7 @@ struct FrameState {
     // guarded by Shared::mutex
     std::optional<protocol::JobState> job;
     std::string broker;
-    bool connected = true; ///< not known to be without the broker
-    double share = 0;
+    bool connected = true;          ///< not known to be without the broker
     std::optional<Outcome> outcome; ///< it is over
 };
 
@@ -84,7 +84,6 @@ private:
     void note(const protocol::JobState& job) {
         const std::lock_guard lock(shared_.mutex);
         state_.job = job;
-        state_.share = share_done(job);
     }
 
     Shared& shared_;
@@ -96,9 +95,10 @@ class FilmProgram {
 public:
     FilmProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console),
-          mode_(ProgressReport::chosen(options.shared.progress, console_)), pace_(net::now()) {
+          progress_(console_, ProgressReport::chosen(options.shared.progress, console_),
+                    options.job_name, film_, net::now()) {
         report_.started = std::chrono::system_clock::now();
-        report_.film = random_id<FilmId>();
+        report_.film = film_;
         report_.job_name = options.job_name;
         report_.scene_file = options.scene_file;
         report_.travel_file = options.travel_file;
@@ -306,8 +306,10 @@ private:
         at->second.thread.join();
         const FrameState& state = *at->second.state;
         FilmReport::Frame& frame = report_.frames[index];
-        if (state.job)
+        if (state.job) {
             frame.job = *state.job;
+            rays_ended_ += frame.job.rays.total();
+        }
         frame.state = state.job ? std::string(to_string(state.job->phase)) : "not_submitted";
         const Outcome& outcome = *state.outcome;
         if (outcome.code == ExitCode::done) {
@@ -328,32 +330,22 @@ private:
     }
 
     void show_progress() {
-        double share = static_cast<double>(done_ + failures_.size());
+        FilmMoment moment{.frame_count = waiting_.size(),
+                          .written = done_,
+                          .given_up = failures_.size(),
+                          .at_hand = running_.size(),
+                          .rays = rays_ended_};
         {
             const std::lock_guard lock(shared_.mutex);
-            for (const auto& [index, one] : running_)
-                share += one.state->share;
+            for (const auto& [index, one] : running_) {
+                if (!one.state->job)
+                    continue;
+                moment.share_at_hand += share_done(*one.state->job);
+                moment.share_per_s += share_per_s(*one.state->job);
+                moment.rays += one.state->job->rays.total();
+            }
         }
-        const bool is_over = done_ + failures_.size() == waiting_.size();
-        // A frame whose tiles are here has still to be written.
-        const unsigned percent =
-            std::min(ProgressView::percent_of(share / static_cast<double>(waiting_.size())),
-                     is_over ? 100u : 99u);
-        const std::string line =
-            fmt::format("{}  {} of {} frames  {}%  {}", printable(options_.job_name), done_,
-                        waiting_.size(), percent,
-                        format_duration(std::chrono::duration_cast<Duration>(
-                            std::chrono::system_clock::now() - report_.started)));
-        if (mode_ == ProgressMode::bar)
-            console_.redraw(line);
-        else if (mode_ == ProgressMode::plain && pace_.is_due(net::now(), percent))
-            console_.line(line);
-        else if (mode_ == ProgressMode::json && (line != shown_ || is_over))
-            console_.line(fmt::format(
-                R"({{"schema":"fraja.film_progress/1","film":"{}","frames_done":{},"frames":{},"share_done":{:.4f}}})",
-                fraja::to_string(report_.film), done_, waiting_.size(),
-                share / static_cast<double>(waiting_.size())));
-        shown_ = line;
+        progress_.update(net::now(), moment);
     }
 
     Outcome summary() {
@@ -417,14 +409,14 @@ private:
     const SubmitOptions& options_;
     const net::SignalWatch* signals_;
     Console console_;
-    ProgressMode mode_;
-    PlainPace pace_;
-    std::string shown_;
+    const FilmId film_ = random_id<FilmId>();
+    FilmProgress progress_;
     FilmReport report_;
     std::optional<FilmScenes> scenes_;
     SessionOptions session_;
     std::vector<std::size_t> waiting_; ///< frames to be drawn, as report_ counts them
     std::size_t done_ = 0;
+    std::uint64_t rays_ended_ = 0; ///< of the frames that are over
     std::vector<Outcome> failures_;
     std::optional<Outcome> gives_up_; ///< why no more frames are submitted
     std::string broker_;
