@@ -1,6 +1,5 @@
 // fraja-broker: reads the options and runs the broker.
 #include "broker/board.hpp"
-#include "broker/http_server.hpp"
 #include "broker/restore.hpp"
 #include "broker/shell.hpp"
 #include "broker/status_pages.hpp"
@@ -48,8 +47,9 @@ Deals out the tiles of submitted pictures to workers and publishes them as they 
 
 struct Arguments {
     broker::Options options;
-    std::string state; ///< empty: the default, where there can be one
-    std::string http;  ///< empty: no pages
+    std::string state;                         ///< empty: the default, where there can be one
+    std::string http;                          ///< empty: no pages
+    std::optional<http::Address> http_address; ///< that is
     std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m";
     service::LogOptions log;
     bool check = false;
@@ -229,10 +229,10 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
     if (const auto read = complete_upstream(options); !read)
         return mistake(read.error().message);
     if (!arguments.http.empty()) {
-        const auto endpoint = broker::http_endpoint(arguments.http, options.insecure);
-        if (!endpoint)
-            return mistake("--http: " + endpoint.error().message);
-        arguments.http = *endpoint;
+        const auto address = broker::status_address(arguments.http, options.insecure);
+        if (!address)
+            return mistake("--http: " + address.error().message);
+        arguments.http_address = *address;
     }
     if (arguments.state.empty())
         arguments.state = cli::state_folder().value_or("none").string();
@@ -254,12 +254,13 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     service::Notifier notifier;
     broker::Board board;
     broker::Options& options = arguments.options;
-    std::optional<broker::HttpServer> http;
-    if (!arguments.http.empty()) {
-        auto bound = broker::HttpServer::bind(arguments.http, status_pages(board, options.state));
+    std::optional<http::Server> pages;
+    if (arguments.http_address) {
+        auto bound =
+            http::Server::bind(*arguments.http_address, {status_pages(board, options.state)});
         if (!bound)
             return fail("--http: " + bound.error().message);
-        http = std::move(*bound);
+        pages = std::move(*bound);
     }
     const auto tell = [&](const std::string& text) { logger.log({LogLevel::info, {}, {}, text}); };
     options.signals = &signals;
@@ -267,13 +268,13 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
         make_room_for_peers(options.limits, logger);
         fmt::print("listening {} stream {}\n", bound, stream);
-        if (http) {
-            http->serve();
-            fmt::print("http {}\n", http->address());
+        if (pages) {
+            pages->serve();
+            fmt::print("http {}\n", to_string(pages->address()));
         }
         std::fflush(stdout);
-        if (http)
-            tell("metrics and health are shown at " + http->address());
+        if (pages)
+            tell("metrics and health are shown at " + to_string(pages->address()));
         tell(options.state.empty() ? "jobs are kept in memory only: they end with this process"
                                    : "jobs are kept in " + options.state.string());
     };

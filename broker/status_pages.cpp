@@ -5,19 +5,50 @@
 #include "common/net/clock.hpp"
 
 namespace fraja::broker {
+namespace {
 
-HttpServer::Pages status_pages(const Board& board, std::filesystem::path state) {
-    const auto metrics = [&board, state = std::move(state)] {
-        const auto report = board.latest();
-        return HttpPage{200, metrics_content_type,
-                        metrics_text({report.get(), process_usage(),
-                                      state.empty() ? std::nullopt : store_usage(state)})};
+http::Answer metrics(const Board& board, const std::filesystem::path& state) {
+    const auto report = board.latest();
+    return {.type = metrics_content_type,
+            .body = http::body(metrics_text({report.get(), process_usage(),
+                                             state.empty() ? std::nullopt : store_usage(state)}))};
+}
+
+http::Answer health(const Board& board) {
+    const Health now = health_of(board.latest().get(), net::now());
+    return {.status = now.is_well ? 200 : 503,
+            .type = "application/json",
+            .body = http::body(to_json(now))};
+}
+
+} // namespace
+
+Result<http::Address> status_address(std::string_view text, bool insecure) {
+    const auto to_bind = net::endpoint_to_bind(text, net::http_port, insecure);
+    if (!to_bind)
+        return to_bind.error();
+    const auto endpoint = net::parse_endpoint(*to_bind, net::http_port);
+    if (!endpoint)
+        return endpoint.error();
+    if (endpoint->transport != net::Endpoint::Transport::tcp)
+        return Error{ErrorCode::invalid_argument,
+                     "'" + std::string(text) + "' is no address and port, as 127.0.0.1:50059"};
+    return http::address_of(*endpoint);
+}
+
+http::Answerer status_pages(const Board& board, std::filesystem::path state) {
+    return [&board, state = std::move(state)](const http::Request& request) {
+        if (request.method != "GET" && request.method != "HEAD") {
+            http::Answer refused = http::refusal(405, "only GET and HEAD are answered here");
+            refused.allow = "GET, HEAD";
+            return refused;
+        }
+        if (request.path == "/metrics")
+            return metrics(board, state);
+        if (request.path == "/healthz")
+            return health(board);
+        return http::refusal(404, "there is no such page; there is /healthz /metrics");
     };
-    const auto health = [&board] {
-        const Health now = health_of(board.latest().get(), net::now());
-        return HttpPage{now.is_well ? 200 : 503, "application/json", to_json(now)};
-    };
-    return {{"/metrics", metrics}, {"/healthz", health}};
 }
 
 } // namespace fraja::broker

@@ -2,13 +2,19 @@
 #pragma once
 
 #include "broker/board.hpp"
-#include "broker/http_server.hpp"
+#include "common/http/address.hpp"
+#include "common/http/server.hpp"
 
 #include <filesystem>
+#include <string_view>
 
 namespace fraja::broker {
 
-/// /metrics and /healthz. `board` must outlive them; `state`, the store's directory, may be empty.
-[[nodiscard]] HttpServer::Pages status_pages(const Board& board, std::filesystem::path state);
+/// "ADDR:PORT"; what other machines can reach is refused as net::endpoint_to_bind() does.
+[[nodiscard]] Result<http::Address> status_address(std::string_view text, bool insecure);
+
+/// Answers GET and HEAD for /metrics and /healthz; 404 for other paths, 405 for other methods.
+/// `board` must outlive it; `state`, the store's directory, may be empty.
+[[nodiscard]] http::Answerer status_pages(const Board& board, std::filesystem::path state);
 
 } // namespace fraja::broker

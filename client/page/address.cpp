@@ -1,11 +1,9 @@
 #include "client/page/address.hpp"
 
-#include "common/net/endpoint.hpp"
+#include "common/http/address.hpp"
 
 namespace fraja::client {
 namespace {
-
-constexpr std::string_view every_interface = "0.0.0.0";
 
 bool reaches_itself_alone(const net::Endpoint& e) {
     const bool named = e.host.find_first_not_of("0123456789.") != std::string::npos;
@@ -29,12 +27,8 @@ Result<PageAddress> parse_page_address(std::string_view text) {
         return invalid(endpoint.error().message);
     if (endpoint->transport != net::Endpoint::Transport::tcp)
         return invalid("a browser speaks tcp alone");
-    PageAddress address{endpoint->host, endpoint->port, reaches_itself_alone(*endpoint)};
-    if (address.host == "*")
-        address.host = every_interface;
-    if (address.host.starts_with('[') && address.host.ends_with(']'))
-        address.host = address.host.substr(1, address.host.size() - 2);
-    return address;
+    const http::Address at = http::address_of(*endpoint);
+    return PageAddress{at.host, at.port, reaches_itself_alone(*endpoint)};
 }
 
 bool is_loopback_host(std::string_view host) {
@@ -43,12 +37,9 @@ bool is_loopback_host(std::string_view host) {
 }
 
 std::string page_url(const PageAddress& address, std::string_view machine, std::string_view token) {
-    std::string host = address.host;
-    if (host == every_interface || host == "::")
-        host = machine;
-    else if (host.find(':') != std::string::npos)
-        host = "[" + host + "]";
-    std::string url = "http://" + host + ":" + std::to_string(address.port) + "/";
+    const bool everywhere = address.host == http::every_interface || address.host == "::";
+    const std::string host = everywhere ? std::string(machine) : address.host;
+    std::string url = to_string(http::Address{host, address.port}) + "/";
     if (!token.empty())
         url += "?token=" + std::string(token);
     return url;

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "client/page/address.hpp"
-#include "client/page/http.hpp"
+#include "common/http/message.hpp"
 
 #include <optional>
 #include <string>
@@ -20,13 +20,13 @@ public:
     Door(const PageAddress& address, std::string token);
 
     /// Nothing: come in. Else what is to be answered: it names the cure.
-    [[nodiscard]] std::optional<HttpAnswer> refusal(const HttpRequest& request) const;
+    [[nodiscard]] std::optional<http::Answer> refusal(const http::Request& request) const;
     /// The cookie to be set with the page, where the request brings the token in its address.
-    [[nodiscard]] std::string cookie(const HttpRequest& request) const;
+    [[nodiscard]] std::string cookie(const http::Request& request) const;
 
 private:
-    [[nodiscard]] bool has_token_in_address(const HttpRequest& request) const;
-    [[nodiscard]] bool has_token(const HttpRequest& request) const;
+    [[nodiscard]] bool has_token_in_address(const http::Request& request) const;
+    [[nodiscard]] bool has_token(const http::Request& request) const;
 
     bool loopback_;
     std::string token_;

@@ -167,7 +167,7 @@ Result<JobView::LayerPicture> JobView::layer(Layer layer, std::uint64_t revision
     return LayerPicture{*std::move(bytes), snapshot->revision == revision};
 }
 
-Result<HttpBody> JobView::part(const PixelRect& part) {
+Result<http::Body> JobView::part(const PixelRect& part) {
     LevelsPicture levels;
     {
         const std::scoped_lock lock(mutex_);

@@ -45,14 +45,14 @@ public:
     /// A line of JSON about the job, its revision and where its pictures are.
     [[nodiscard]] Shown shown();
     struct LayerPicture {
-        HttpBody bytes;
+        http::Body bytes;
         bool is_asked_for; ///< of the revision that was asked for
     };
     /// As of that revision or later. Errors: not_found, io.
     [[nodiscard]] Result<LayerPicture> layer(Layer layer, std::uint64_t revision);
     /// The pixels of a part, as a .jpg. Errors: not_found, io, and invalid_argument for a part that
     /// is none, or has a side beyond overview_side_max.
-    [[nodiscard]] Result<HttpBody> part(const PixelRect& part);
+    [[nodiscard]] Result<http::Body> part(const PixelRect& part);
 
     void leave() { leaving_ = true; }
     [[nodiscard]] bool is_leaving() const { return leaving_; }

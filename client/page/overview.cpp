@@ -54,7 +54,7 @@ LevelsPicture cut_out(const Film& film, const PixelRect& part) {
     return picture;
 }
 
-Result<HttpBody> encode_levels(const LevelsPicture& picture, std::string_view format) {
+Result<http::Body> encode_levels(const LevelsPicture& picture, std::string_view format) {
     const auto codec = picture_codec();
     if (!codec)
         return codec.error();
@@ -67,13 +67,13 @@ Result<HttpBody> encode_levels(const LevelsPicture& picture, std::string_view fo
                           .attributes = {}});
     if (!bytes)
         return bytes.error();
-    return http_body(std::string(bytes->begin(), bytes->end()));
+    return http::body(std::string(bytes->begin(), bytes->end()));
 }
 
 EncodedOnce::EncodedOnce(LevelsPicture levels, std::string format)
     : levels_(std::move(levels)), format_(std::move(format)) {}
 
-Result<HttpBody> EncodedOnce::bytes() {
+Result<http::Body> EncodedOnce::bytes() {
     const std::scoped_lock lock(mutex_);
     if (!bytes_) {
         auto encoded = encode_levels(levels_, format_);

@@ -1,8 +1,8 @@
 // What viewers of a job are shown at one moment, encoded when the first of them asks.
 #pragma once
 
-#include "client/page/http.hpp"
 #include "common/base/result.hpp"
+#include "common/http/message.hpp"
 #include "common/image/film.hpp"
 #include "common/image_io/picture_file.hpp"
 
@@ -24,19 +24,20 @@ inline constexpr std::uint32_t overview_side_max = 2048;
 [[nodiscard]] LevelsPicture cut_out(const Film& film, const PixelRect& part);
 
 /// As a file's bytes: "jpg", "png". Loads what encodes pictures (0.25 s, once). Errors: io.
-[[nodiscard]] Result<HttpBody> encode_levels(const LevelsPicture& picture, std::string_view format);
+[[nodiscard]] Result<http::Body> encode_levels(const LevelsPicture& picture,
+                                               std::string_view format);
 
 /// A picture that stays as it is. Any thread may ask for it; however many do, it is encoded once.
 class EncodedOnce {
 public:
     EncodedOnce(LevelsPicture levels, std::string format);
-    [[nodiscard]] Result<HttpBody> bytes();
+    [[nodiscard]] Result<http::Body> bytes();
 
 private:
     std::mutex mutex_;     // guards all
     LevelsPicture levels_; ///< until it is encoded
     std::string format_;
-    HttpBody bytes_;
+    http::Body bytes_;
 };
 
 } // namespace fraja::client

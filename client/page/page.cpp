@@ -3,8 +3,8 @@
 #include "client/asking.hpp"
 #include "client/json.hpp"
 #include "client/page/routes.hpp"
-#include "client/page/server.hpp"
 #include "client/page/token.hpp"
+#include "common/http/server.hpp"
 #include "common/image_io/picture_codec.hpp"
 
 #include <chrono>
@@ -63,7 +63,7 @@ public:
 
 private:
     Outcome serve() {
-        const auto address = parse_page_address(options_.serve->at);
+        auto address = parse_page_address(options_.serve->at);
         if (!address)
             return {ExitCode::usage, address.error().message};
         if (const auto codec = picture_codec(); !codec)
@@ -90,13 +90,17 @@ private:
         if (options_.serve->allow_control)
             control = [this](const JobId& job, protocol::JobDeed deed) { return order(job, deed); };
         std::optional<Routes> routes;
-        Server server([&](const HttpRequest& request) { return routes->answer(request); });
-        const auto bound = server.bind(*address);
-        if (!bound)
-            return {ExitCode::usage, bound.error().message};
-        routes.emplace(Door(*bound, *token), board, views, std::move(control));
-        server.start();
-        announce(*bound, *token);
+        auto server = http::Server::bind(
+            {address->host, address->port},
+            {.answer = [&](const http::Request& request) { return routes->answer(request); },
+             .always = page_headers(),
+             .limits = page_limits});
+        if (!server)
+            return {ExitCode::usage, "--serve: " + server.error().message};
+        address->port = server->address().port;
+        routes.emplace(Door(*address, *token), board, views, std::move(control));
+        server->serve();
+        announce(*address, *token);
         FarmWatching watching(session_options(options_.shared));
         return converse(context_, watching, board, signals_);
     }

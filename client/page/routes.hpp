@@ -4,7 +4,8 @@
 #include "client/exit_code.hpp"
 #include "client/page/door.hpp"
 #include "client/page/farm_board.hpp"
-#include "client/page/http.hpp"
+#include "common/http/limits.hpp"
+#include "common/http/message.hpp"
 
 #include <functional>
 #include <optional>
@@ -12,11 +13,14 @@
 
 namespace fraja::client {
 
-/// The header Content-Security-Policy of every answer: nothing but this page's own files, no script
-/// or style within them, and no other page around it.
-inline constexpr const char* content_security_policy =
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// Headers of every answer: nothing but this page's own files, no script or style within them, and
+/// no other page around it.
+[[nodiscard]] http::Headers page_headers();
+
+/// 128 may look at a time. A request that encodes a picture, or waits for the broker to do with a
+/// job what is wanted, has a thread meanwhile.
+inline constexpr http::Limits page_limits{
+    .threads = 16, .connections_max = 256, .streams_max = 128};
 
 /// Does something with a job, and says how it went. Any thread.
 using Control = std::function<Outcome(const JobId&, protocol::JobDeed)>;
@@ -35,13 +39,13 @@ public:
     Routes(Door door, FarmBoard& board, JobViews& views, Control control);
 
     /// Any thread.
-    [[nodiscard]] HttpAnswer answer(const HttpRequest& request) const;
+    [[nodiscard]] http::Answer answer(const http::Request& request) const;
 
 private:
-    [[nodiscard]] HttpAnswer events(const HttpRequest& request) const;
-    [[nodiscard]] HttpAnswer picture(const HttpRequest& request, const JobId& job,
-                                     std::string_view what) const;
-    [[nodiscard]] HttpAnswer do_with(const JobId& job, std::string_view deed) const;
+    [[nodiscard]] http::Answer events(const http::Request& request) const;
+    [[nodiscard]] http::Answer picture(const http::Request& request, const JobId& job,
+                                       std::string_view what) const;
+    [[nodiscard]] http::Answer do_with(const JobId& job, std::string_view deed) const;
 
     Door door_;
     FarmBoard& board_;

@@ -1,7 +1,7 @@
 // Text that many look at and that is made anew when what it tells has changed and somebody looks.
 #pragma once
 
-#include "client/page/http.hpp"
+#include "common/http/message.hpp"
 
 #include <cstdint>
 #include <utility>
@@ -11,7 +11,7 @@ namespace fraja::client {
 /// What somebody sees who looks now.
 struct Shown {
     std::uint64_t version = 0; ///< grows with every change
-    HttpBody text;
+    http::Body text;
 };
 
 /// Guarded by its owner.
@@ -21,7 +21,7 @@ public:
     template <class Describe>
     [[nodiscard]] Shown look(Describe describe) {
         if (!shown_.text || shown_.version != version_)
-            shown_ = {version_, http_body(describe())};
+            shown_ = {version_, http::body(describe())};
         return shown_;
     }
 

@@ -8,7 +8,7 @@
 
 namespace fraja::client {
 
-class ViewerLines final : public LineSource {
+class ViewerLines final : public http::LineSource {
 public:
     /// `viewer` may be null: the farm alone.
     ViewerLines(FarmBoard& board, std::shared_ptr<Viewer> viewer);

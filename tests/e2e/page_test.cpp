@@ -1,5 +1,6 @@
 // fraja-watch --serve over HTTP. A browser looks at it in tests/browser.
 #include "tests/e2e/farm.hpp"
+#include "tests/support/connection.hpp"
 
 #include <atomic>
 #include <httplib.h>
@@ -114,6 +115,28 @@ TEST_CASE("thirty look at a job that goes on, and all see its end") {
     farm.add_worker("one");
     lookers.clear();
     CHECK(saw_the_end == 30);
+}
+
+TEST_CASE("however many say nothing to a page, or speak slowly, nobody else waits") {
+    Farm farm;
+    const Served served = serve(farm, {"--serve", "127.0.0.1:0"});
+    const auto port = static_cast<std::uint16_t>(served.port);
+    std::vector<Connection> idle, trickling;
+    for (int i = 0; i < 200; ++i)
+        idle.emplace_back(port);
+    for (int i = 0; i < 50; ++i)
+        trickling.emplace_back(port);
+    for (const char byte : std::string_view("GET /page.js")) {
+        for (Connection& connection : trickling)
+            connection.say({&byte, 1}); // or it was given up
+        const auto begin = std::chrono::steady_clock::now();
+        const auto got = served.client().Get("/");
+        REQUIRE(got);
+        CHECK(got->status == 200);
+        CHECK(contains(got->get_header_value("Content-Security-Policy"), "default-src 'none'"));
+        CHECK(std::chrono::steady_clock::now() - begin < 4s); // a request may take 5 to come
+    }
+    CHECK(served.client().Post("/", std::string(100, 'x'), "text/plain")->status == 413);
 }
 
 TEST_CASE("a page cancels a job where control is allowed, and else nothing") {

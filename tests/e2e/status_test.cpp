@@ -30,7 +30,7 @@ std::uint16_t http_port(Farm& farm) {
 
 /// Every series that is served, by its name with labels.
 std::map<std::string, double> series(std::uint16_t port) {
-    const HttpAnswer answer = http(port, "GET", "/metrics", patience);
+    const HttpAnswer answer = ask_http(port, "GET", "/metrics", patience);
     REQUIRE(answer.status == 200);
     std::map<std::string, double> all;
     std::istringstream lines(answer.body);
@@ -98,7 +98,7 @@ TEST_CASE("metrics tell what the farm has done") {
     CHECK(all.at("process_open_fds") > 5);
     const double now_s = seconds(std::chrono::system_clock::now().time_since_epoch());
     CHECK(std::abs(all.at("process_start_time_seconds") - now_s) < seconds(patience));
-    CHECK(http(port, "GET", "/healthz", patience).status == 200);
+    CHECK(ask_http(port, "GET", "/healthz", patience).status == 200);
     CHECK(farm.broker().out().find("http http://127.0.0.1:") >
           farm.broker().out().find("listening tcp://")); // what was there comes first
 }
@@ -133,12 +133,12 @@ TEST_CASE("a broker whose disk is full says so to whoever asks for its health") 
               {"env", "--ignore-signal=XFSZ", "prlimit", "--fsize=1000000:unlimited"});
     const std::uint16_t port = http_port(farm);
     wait_for(port, "fraja_broker_store_failing", 0);
-    CHECK(http(port, "GET", "/healthz", patience).status == 200);
+    CHECK(ask_http(port, "GET", "/healthz", patience).status == 200);
     farm.add_worker("one");
     Process client =
         farm.start_submit({scene("cone"), "-r", "400x300", "-o", scratch.file("c.png")});
     wait_for(port, "fraja_broker_store_failing", 1);
-    const HttpAnswer health = http(port, "GET", "/healthz", patience);
+    const HttpAnswer health = ask_http(port, "GET", "/healthz", patience);
     CHECK(health.status == 503);
     CHECK(contains(nlohmann::json::parse(health.body).at("reason").get<std::string>(),
                    "nothing can be kept"));
@@ -183,12 +183,29 @@ TEST_CASE("strangers at the pages do the farm no harm") {
     int status = 0;
     for (const auto end = std::chrono::steady_clock::now() + patience;
          status != 200 && std::chrono::steady_clock::now() < end;)
-        status = http(port, "GET", "/healthz", patience).status;
+        status = ask_http(port, "GET", "/healthz", patience).status;
     CHECK(status == 200);
     CHECK(series(port).at("fraja_broker_workers_lost_total") == 0);
     slow.emplace_back(port).say("GET /metr");
     farm.broker().send(SIGTERM); // it does not wait for them
     CHECK(farm.broker().wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("however many say nothing at the pages, or speak slowly, nobody else waits") {
+    Farm farm({"--http", "127.0.0.1:0"});
+    const std::uint16_t port = http_port(farm);
+    std::vector<Connection> idle, trickling;
+    for (int i = 0; i < 200; ++i)
+        idle.emplace_back(port);
+    for (int i = 0; i < 50; ++i)
+        trickling.emplace_back(port);
+    for (const char byte : std::string_view("GET /healthz")) {
+        for (Connection& connection : trickling)
+            connection.say(std::string_view(&byte, 1)); // or it was given up
+        const auto begin = std::chrono::steady_clock::now();
+        CHECK(ask_http(port, "GET", "/healthz", patience).status == 200);
+        CHECK(std::chrono::steady_clock::now() - begin < 4s); // a request may take 5 to come
+    }
 }
 
 TEST_CASE("strangers who speak rubbish cannot flood the log") {

@@ -39,21 +39,40 @@ void Connection::close_writing() {
     shutdown(fd_, SHUT_WR);
 }
 
+Connection::Came Connection::read(std::string& to, Duration timeout) {
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(timeout);
+    pollfd readable{fd_, POLLIN, 0};
+    if (left.count() <= 0 || poll(&readable, 1, static_cast<int>(left.count())) <= 0)
+        return Came::nothing;
+    std::array<char, 65536> bytes;
+    const auto size = recv(fd_, bytes.data(), bytes.size(), 0);
+    if (size <= 0) // closed, or reset
+        return Came::end;
+    to.append(bytes.data(), static_cast<std::size_t>(size));
+    return Came::bytes;
+}
+
 std::optional<std::string> Connection::read_to_end(Duration timeout) {
     const auto end = std::chrono::steady_clock::now() + timeout;
     std::string all;
-    for (;;) {
-        const auto left =
-            std::chrono::ceil<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
-        pollfd readable{fd_, POLLIN, 0};
-        if (left.count() <= 0 || poll(&readable, 1, static_cast<int>(left.count())) <= 0)
-            return std::nullopt;
-        std::array<char, 4096> bytes;
-        const auto size = recv(fd_, bytes.data(), bytes.size(), 0);
-        if (size <= 0) // closed, or reset
+    for (;;)
+        switch (read(all, end - std::chrono::steady_clock::now())) {
+        case Came::bytes:
+            break;
+        case Came::end:
             return all;
-        all.append(bytes.data(), static_cast<std::size_t>(size));
-    }
+        case Came::nothing:
+            return std::nullopt;
+        }
+}
+
+std::optional<std::string> Connection::read_until(std::string_view last, Duration timeout) {
+    const auto end = std::chrono::steady_clock::now() + timeout;
+    std::string all;
+    while (!all.ends_with(last))
+        if (read(all, end - std::chrono::steady_clock::now()) != Came::bytes)
+            return std::nullopt;
+    return all;
 }
 
 std::uint16_t port_of(std::string_view address) {
@@ -62,11 +81,11 @@ std::uint16_t port_of(std::string_view address) {
     return static_cast<std::uint16_t>(*port);
 }
 
-HttpAnswer http(std::uint16_t port, std::string_view method, std::string_view path,
-                Duration timeout) {
+HttpAnswer ask_http(std::uint16_t port, std::string_view method, std::string_view path,
+                    Duration timeout) {
     Connection connection(port);
     connection.say(std::string(method) + " " + std::string(path) +
-                   " HTTP/1.1\r\nHost: localhost\r\n\r\n");
+                   " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
     const std::string all = connection.read_to_end(timeout).value_or("");
     const std::size_t blank = all.find("\r\n\r\n");
     if (!all.starts_with("HTTP/1.1 ") || blank == std::string::npos)

@@ -24,8 +24,14 @@ public:
     void close_writing();
     /// All that comes until the other end closes; nothing: it does not within `timeout`.
     [[nodiscard]] std::optional<std::string> read_to_end(Duration timeout);
+    /// All that comes until it ends with `end`; nothing: it does not within `timeout`, or is closed
+    /// before.
+    [[nodiscard]] std::optional<std::string> read_until(std::string_view end, Duration timeout);
 
 private:
+    enum class Came : std::uint8_t { bytes, end, nothing };
+    [[nodiscard]] Came read(std::string& to, Duration timeout);
+
     int fd_;
 };
 
@@ -38,7 +44,7 @@ struct HttpAnswer {
 };
 
 /// One request on a connection of its own, to the end.
-[[nodiscard]] HttpAnswer http(std::uint16_t port, std::string_view method, std::string_view path,
-                              Duration timeout);
+[[nodiscard]] HttpAnswer ask_http(std::uint16_t port, std::string_view method,
+                                  std::string_view path, Duration timeout);
 
 } // namespace fraja

@@ -1,6 +1,5 @@
 // How many tiles a second the broker deals out and takes in, beside a bare ROUTER that does nothing
 // else: paired runs with the same workers, which answer at once.
-#include "broker/http_server.hpp"
 #include "broker/shell.hpp"
 #include "broker/status_pages.hpp"
 #include "common/base/freed_memory.hpp"
@@ -52,9 +51,8 @@ public:
     }
 
 private:
-    [[nodiscard]] broker::HttpServer listen(const broker::Options& options) const {
-        auto bound =
-            broker::HttpServer::bind("tcp://127.0.0.1:0", status_pages(board_, options.state));
+    [[nodiscard]] http::Server listen(const broker::Options& options) const {
+        auto bound = http::Server::bind({"127.0.0.1", 0}, {status_pages(board_, options.state)});
         if (!bound)
             fail(bound.error().message);
         return std::move(*bound);
@@ -64,14 +62,14 @@ private:
         std::condition_variable_any stopped;
         std::unique_lock lock(mutex);
         do {
-            if (const auto page = httplib::Client(server_.address()).Get("/metrics");
+            if (const auto page = httplib::Client(to_string(server_.address())).Get("/metrics");
                 !page || page->status != 200)
                 fail("the metrics did not come");
         } while (!stopped.wait_for(lock, stop, 1s, [&] { return stop.stop_requested(); }));
     }
 
     broker::Board board_;
-    broker::HttpServer server_;
+    http::Server server_;
     std::jthread scraper_;
 };
 

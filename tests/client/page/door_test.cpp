@@ -9,11 +9,11 @@ namespace {
 
 constexpr const char* token = "0123456789abcdef";
 
-HttpRequest get(std::string path, std::string host) {
+http::Request get(std::string path, std::string host) {
     return {.method = "GET", .path = std::move(path), .query = {}, .host = std::move(host)};
 }
 
-int status(const Door& door, const HttpRequest& request) {
+int status(const Door& door, const http::Request& request) {
     const auto refused = door.refusal(request);
     return refused ? refused->status : 200;
 }
@@ -33,7 +33,7 @@ TEST_CASE("on loopback the page is shown to whoever names this machine as itself
 TEST_CASE("another site's page gets nothing, but may link here") {
     const Door door({"127.0.0.1", 50060, true}, "");
     for (const char* site : {"cross-site", "same-site"}) {
-        HttpRequest request = get("/events", "127.0.0.1:50060");
+        http::Request request = get("/events", "127.0.0.1:50060");
         request.fetch_site = site;
         CHECK(status(door, request) == 403);
         request.path = "/";
@@ -41,7 +41,7 @@ TEST_CASE("another site's page gets nothing, but may link here") {
         request.method = "POST";
         CHECK(status(door, request) == 403);
     }
-    HttpRequest own = get("/events", "127.0.0.1:50060");
+    http::Request own = get("/events", "127.0.0.1:50060");
     own.fetch_site = "same-origin";
     CHECK(status(door, own) == 200);
 }
@@ -56,7 +56,7 @@ TEST_CASE("what changes anything is taken from the page itself alone") {
                            Row{"http://127.0.0.1:1", 403}, Row{"http://evil.example", 403},
                            Row{"null", 403}, Row{"", 403}}) {
         CAPTURE(row.origin);
-        HttpRequest post = get("/job/x/cancel", "127.0.0.1:50060");
+        http::Request post = get("/job/x/cancel", "127.0.0.1:50060");
         post.method = "POST";
         post.origin = row.origin;
         CHECK(status(door, post) == row.want);
@@ -68,7 +68,7 @@ TEST_CASE("off loopback the page wants its token, once in the address and then a
     CHECK(status(door, get("/", "farm:50060")) == 401);
     CHECK(door.cookie(get("/", "farm:50060")).empty());
 
-    HttpRequest first = get("/", "farm:50060");
+    http::Request first = get("/", "farm:50060");
     first.query["token"] = token;
     CHECK(status(door, first) == 200);
     CHECK(door.cookie(first) ==
@@ -92,7 +92,7 @@ TEST_CASE("off loopback the page wants its token, once in the address and then a
           Row{"xfraja_page_50060=0123456789abcdef", 401}, Row{"fraja_page_50060=", 401},
           Row{"fraja_page_50060", 401}, Row{";;; =;", 401}}) {
         CAPTURE(row.cookies);
-        HttpRequest request = get("/events", "farm:50060");
+        http::Request request = get("/events", "farm:50060");
         request.cookies = row.cookies;
         CHECK(status(door, request) == row.want);
     }

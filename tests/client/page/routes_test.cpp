@@ -25,17 +25,17 @@ struct Page {
                 }),
           board({}, views), routes(Door({}, ""), board, views, std::move(control)) {}
 
-    [[nodiscard]] HttpAnswer ask(std::string method, std::string path,
-                                 std::map<std::string, std::string> query = {}) const {
-        HttpRequest request{.method = std::move(method),
-                            .path = std::move(path),
-                            .query = std::move(query),
-                            .host = "localhost:50060"};
+    [[nodiscard]] http::Answer ask(std::string method, std::string path,
+                                   std::map<std::string, std::string> query = {}) const {
+        http::Request request{.method = std::move(method),
+                              .path = std::move(path),
+                              .query = std::move(query),
+                              .host = "localhost:50060"};
         request.origin = "http://" + request.host;
         return routes.answer(request);
     }
-    [[nodiscard]] HttpAnswer get(std::string path,
-                                 std::map<std::string, std::string> query = {}) const {
+    [[nodiscard]] http::Answer get(std::string path,
+                                   std::map<std::string, std::string> query = {}) const {
         return ask("GET", std::move(path), std::move(query));
     }
 
@@ -56,13 +56,26 @@ TEST_CASE("the page's files are there, and name no other place") {
     CHECK(page_assets().size() >= 5);
     for (const Asset& asset : page_assets()) {
         CAPTURE(asset.name);
-        const HttpAnswer answer = page.get("/" + std::string(asset.name));
+        const http::Answer answer = page.get("/" + std::string(asset.name));
         CHECK(answer.status == 200);
         CHECK(*answer.body == asset.text);
         for (const std::string_view there :
              {"https:", "http://127", "http://l", "src=\"//", "@import", "innerHTML"})
             CHECK(asset.text.find(there) == std::string::npos);
     }
+}
+
+TEST_CASE("every answer says that nothing from elsewhere is let in") {
+    std::map<std::string, std::string> headers;
+    for (const auto& [name, value] : page_headers())
+        headers[name] = value;
+    const std::string policy = headers["Content-Security-Policy"];
+    for (const char* part : {"default-src 'none'", "script-src 'self'", "frame-ancestors 'none'"})
+        CHECK(policy.find(part) != std::string::npos);
+    CHECK(policy.find("unsafe") == std::string::npos);
+    CHECK(headers["X-Content-Type-Options"] == "nosniff");
+    CHECK(headers["Referrer-Policy"] == "no-referrer");
+    CHECK(headers["Cross-Origin-Resource-Policy"] == "same-origin");
 }
 
 TEST_CASE("what is not there is not found, and other methods are not understood") {
@@ -77,18 +90,20 @@ TEST_CASE("what is not there is not found, and other methods are not understood"
     }
     for (const char* method : {"PUT", "DELETE", "OPTIONS", "TRACE"})
         CHECK(page.ask(method, "/").status == 405);
+    CHECK(page.ask("PUT", "/").allow == "GET, HEAD, POST");
     CHECK(page.ask("HEAD", "/events").status == 405); // it has no end
+    CHECK(page.ask("HEAD", "/events").allow == "GET");
     CHECK(page.ask("HEAD", "/").status == 200);
 }
 
 TEST_CASE("who looks at a job is sent lines about the farm and the job when they change") {
     const Page page;
     CHECK(page.get("/events", {{"job", "cone"}}).status == 400);
-    const HttpAnswer alone = page.get("/events");
+    const http::Answer alone = page.get("/events");
     REQUIRE(alone.lines);
     CHECK(alone.lines->next(Instant{}).starts_with("{\"farm\":"));
 
-    const HttpAnswer answer = page.get("/events", {{"job", small_id}});
+    const http::Answer answer = page.get("/events", {{"job", small_id}});
     REQUIRE(answer.lines);
     CHECK(answer.type == "application/x-ndjson");
     while (!page.views.find(small_job().job)->ended())
@@ -105,7 +120,7 @@ TEST_CASE("who looks at a job is sent lines about the farm and the job when they
 TEST_CASE("a revision's picture may be kept for ever, what is newer may not") {
     const Page page;
     CHECK(page.get("/job/" + small_id + "/picture.jpg").status == 404); // nobody looks
-    const HttpAnswer events = page.get("/events", {{"job", small_id}});
+    const http::Answer events = page.get("/events", {{"job", small_id}});
     while (!page.views.find(small_job().job)->ended())
         std::this_thread::yield();
     const auto line = nlohmann::json::parse(*page.views.find(small_job().job)->shown().text);
@@ -117,7 +132,7 @@ TEST_CASE("a revision's picture may be kept for ever, what is newer may not") {
     for (const Row& row : {Row{"/picture.jpg", "image/jpeg"}, Row{"/picture.png", "image/png"},
                            Row{"/cost.png", "image/png"}, Row{"/workers.png", "image/png"}}) {
         CAPTURE(row.path);
-        const HttpAnswer first = page.get("/job/" + small_id + row.path, {{"rev", revision}});
+        const http::Answer first = page.get("/job/" + small_id + row.path, {{"rev", revision}});
         CHECK(first.status == 200);
         CHECK(first.type == row.type);
         CHECK(first.caching.find("immutable") != std::string::npos);
@@ -132,8 +147,8 @@ TEST_CASE("a revision's picture may be kept for ever, what is newer may not") {
 
 TEST_CASE("whoever is one too many is told to come again") {
     const Page page({}, {.views_max = 1});
-    const HttpAnswer one = page.get("/events", {{"job", small_id}});
-    const HttpAnswer other = page.get("/events", {{"job", to_string(JobId{{9}})}});
+    const http::Answer one = page.get("/events", {{"job", small_id}});
+    const http::Answer other = page.get("/events", {{"job", to_string(JobId{{9}})}});
     CHECK(other.status == 503);
     CHECK(other.retry_after_s.has_value());
     CHECK(other.body->find("1 jobs at a time") != std::string::npos);
@@ -152,7 +167,7 @@ TEST_CASE(
     for (const char* deed : {"/pause", "/resume", "/cancel"}) {
         CHECK(allowed.ask("POST", "/job/" + small_id + deed).status == 200);
         CHECK(allowed.get("/job/" + small_id + deed).status == 404); // a link does nothing
-        const HttpAnswer refused = shows.ask("POST", "/job/" + small_id + deed);
+        const http::Answer refused = shows.ask("POST", "/job/" + small_id + deed);
         CHECK(refused.status == 403);
         CHECK(refused.body->find("--allow-control") != std::string::npos);
     }
