@@ -102,7 +102,7 @@ void Dispatcher::on(const Restored& event) {
         log({.level = LogLevel::info,
              .kind = "restored",
              .subject = {},
-             .text = std::to_string(jobs_.size()) + " job(s) are here from before, " +
+             .text = counted(jobs_.size(), "job") + " from before, " +
                      std::to_string(ready_.size()) + " to go on with"});
 }
 

@@ -134,8 +134,9 @@ int check_state(const std::string& state) {
         tiles += job.tiles.size();
         over += is_over(job.phase);
     }
-    fmt::print("{}: {} job(s), {} of them over, {} tile(s), {} scene(s)\n", store->file().string(),
-               contents.jobs.size(), over, tiles, contents.blobs.size());
+    fmt::print("{}: {}, {} of them over, {}, {}\n", store->file().string(),
+               counted(contents.jobs.size(), "job"), over, counted(tiles, "tile"),
+               counted(contents.blobs.size(), "scene"));
     return 0;
 }
 
@@ -243,8 +244,9 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
 
 /// As `systemctl status` shows it.
 std::string summary(const broker::Figures& figures) {
-    return fmt::format("{} worker(s), {} tile(s) in flight, {} job(s) with tiles to give",
-                       figures.workers(), figures.tiles_in_flight, figures.jobs_ready);
+    return fmt::format(
+        "{}, {} in flight, {} with tiles to give", counted(figures.workers(), "worker"),
+        counted(figures.tiles_in_flight, "tile"), counted(figures.jobs_ready, "job"));
 }
 
 /// The broker with what it owes to whoever runs it: a log, pages, and signs of life.

@@ -221,16 +221,18 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
                             "start one on each machine: fraja-worker -b BROKER"});
     else if (broker.threads == 0)
         findings.push_back(
-            {doubtful, "workers", fmt::format("none of the {} may be given tiles", broker.workers),
+            {doubtful, "workers", fmt::format("{}, and none may be given tiles", broker.workers),
              "fraja-ctl workers shows who drains or is in quarantine; undrain them"});
     else
-        findings.push_back({good,
-                            "workers",
-                            fmt::format("{} with {} threads", broker.workers, broker.threads),
-                            {}});
+        findings.push_back(
+            {good,
+             "workers",
+             fmt::format("{} with {}", broker.workers, counted(broker.threads, "thread")),
+             {}});
     if (broker.threads > 0 && broker.jobs_ready > 0 && broker.tiles_in_flight == 0)
         findings.push_back(
-            {doubtful, "jobs", fmt::format("{} wait, and nobody renders them", broker.jobs_ready),
+            {doubtful, "jobs",
+             counted(broker.jobs_ready, "job") + " to be rendered, and nobody at it",
              "compare their tags with the workers': fraja-ctl jobs, workers --json"});
     return findings;
 }

@@ -4,6 +4,7 @@
 #include "client/json.hpp"
 #include "client/shell.hpp"
 #include "client/watching.hpp"
+#include "common/base/text.hpp"
 
 #include <algorithm>
 #include <set>
@@ -28,8 +29,7 @@ std::vector<cli::Candidate> names_of(const std::vector<protocol::JobState>& jobs
 std::vector<cli::Candidate> names_of(const std::vector<protocol::WorkerState>& workers, bool ids) {
     std::vector<cli::Candidate> names;
     for (const protocol::WorkerState& worker : workers) {
-        names.push_back(
-            {worker.worker_name, "a worker of " + std::to_string(worker.threads) + " threads"});
+        names.push_back({worker.worker_name, "a worker of " + counted(worker.threads, "thread")});
         if (ids)
             names.push_back({to_string(worker.worker), worker.worker_name});
     }

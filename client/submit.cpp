@@ -198,8 +198,8 @@ private:
 
     void print_plan() const {
         const protocol::PictureSettings& s = options_.settings;
-        fmt::print("scene     {} ({} bytes, {})\n", options_.scene_file, scene_.text.size(),
-                   fraja::to_string(scene_.hash));
+        fmt::print("scene     {} ({}, {})\n", options_.scene_file,
+                   counted(scene_.text.size(), "byte"), fraja::to_string(scene_.hash));
         fmt::print("picture   {}x{}", s.size.width, s.size.height);
         if (s.crop.pixel_count() != s.size.pixel_count())
             fmt::print(", of it {},{},{},{}", s.crop.x, s.crop.y, s.crop.width, s.crop.height);
@@ -279,9 +279,9 @@ private:
         report_.output = options_.output;
         if (const auto& e = report_.estimate; e && e->pixels_at_ceiling > 0)
             console_.warning(
-                fmt::format("--error {} is not reached in {} of {} pixels: they have --max-samples",
+                fmt::format("--error {} is not reached in {} of {}: they have --max-samples",
                             options_.settings.error, e->pixels_at_ceiling,
-                            options_.settings.crop.pixel_count()));
+                            counted(options_.settings.crop.pixel_count(), "pixel")));
         return {};
     }
 

@@ -140,8 +140,9 @@ private:
         scenes_ = *std::move(scenes);
         const FrameRange range = options_.frames.value_or(FrameRange{1, scenes_->frame_count(), 1});
         if (range.last > scenes_->frame_count())
-            return said(fmt::format("--frames: {} has {} cameras, so there is no frame {}",
-                                    options_.travel_file, scenes_->frame_count(), range.last));
+            return said(fmt::format("--frames: {} has {}, so there is no frame {}",
+                                    options_.travel_file, counted(scenes_->frame_count(), "camera"),
+                                    range.last));
         for (std::uint64_t n = range.first; n <= range.last; n += range.step) {
             const auto number = static_cast<std::uint32_t>(n);
             FilmReport::Frame& frame = report_.frames.emplace_back();
@@ -176,8 +177,8 @@ private:
     }
 
     void print_plan() const {
-        fmt::print("scene     {}\ntravel    {} ({} cameras)\n", options_.scene_file,
-                   options_.travel_file, scenes_->frame_count());
+        fmt::print("scene     {}\ntravel    {} ({})\n", options_.scene_file, options_.travel_file,
+                   counted(scenes_->frame_count(), "camera"));
         fmt::print("frames    {} to render, {} skipped\n", waiting_.size(),
                    report_.frames.size() - waiting_.size());
         fmt::print("settings  {}\n", settings_text(options_.settings));
@@ -340,8 +341,8 @@ private:
             std::min(ProgressView::percent_of(share / static_cast<double>(waiting_.size())),
                      is_over ? 100u : 99u);
         const std::string line =
-            fmt::format("{}  {} of {} frames  {}%  {}", printable(options_.job_name), done_,
-                        waiting_.size(), percent,
+            fmt::format("{}  {} of {}  {}%  {}", printable(options_.job_name), done_,
+                        counted(waiting_.size(), "frame"), percent,
                         format_duration(std::chrono::duration_cast<Duration>(
                             std::chrono::system_clock::now() - report_.started)));
         if (mode_ == ProgressMode::bar)
@@ -363,9 +364,9 @@ private:
             return {};
         const bool cancelled = std::ranges::all_of(
             failures_, [](const Outcome& o) { return o.code == ExitCode::cancelled; });
-        return {
-            cancelled ? ExitCode::cancelled : ExitCode::job_failed,
-            said(fmt::format("{} of {} frames are not drawn", failures_.size(), waiting_.size()))};
+        return {cancelled ? ExitCode::cancelled : ExitCode::job_failed,
+                said(fmt::format("{} of {} not drawn", failures_.size(),
+                                 counted(waiting_.size(), "frame")))};
     }
 
     /// Jobs go on, where there is a farm; frames that were not submitted yet are not.
@@ -392,18 +393,18 @@ private:
         }
         running_.clear();
         console_.end_redraw();
-        console_.line(fmt::format(
-            "fraja-submit: {}; of {} frames {} are written, {} were not begun. To go on, the same "
-            "command with --skip-existing{}",
-            outcome.reason, waiting_.size(), done_, waiting_.size() - begun,
-            options_.local ? "" : " --resume"));
+        console_.line(
+            fmt::format("fraja-submit: {}; of {} {} written, {} not begun. To go on, the same "
+                        "command with --skip-existing{}",
+                        outcome.reason, counted(waiting_.size(), "frame"), done_,
+                        waiting_.size() - begun, options_.local ? "" : " --resume"));
         if (options_.local || going_on == 0)
             return;
-        console_.line(fmt::format("  {} frame(s) go on\n"
+        console_.line(fmt::format("  going on:     {}\n"
                                   "  watch them:   fraja-watch -b {}\n"
                                   "  cancel them:  for job in{}; do fraja-ctl -b {} cancel --yes "
                                   "$job; done",
-                                  going_on, broker_, ids, broker_));
+                                  counted(going_on, "frame"), broker_, ids, broker_));
     }
 
     int end(Outcome outcome) {

@@ -136,6 +136,10 @@ std::string format_duration(Duration d) {
     return std::to_string(m) + ":" + two(s);
 }
 
+std::string counted(std::uint64_t count, std::string_view what) {
+    return std::to_string(count) + " " + std::string(what) + (count == 1 ? "" : "s");
+}
+
 std::optional<std::string_view> nearest_name(std::string_view name,
                                              std::span<const std::string_view> candidates) {
     constexpr std::size_t name_letters_max = 200; // longer ones are no typing slip

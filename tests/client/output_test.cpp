@@ -138,7 +138,7 @@ TEST_CASE("the counts of a job are lines of plain words, and a truncated pixel a
     CHECK(page.ends_with("\npixels truncated  0\n"));
     auto cut_short = job();
     cut_short.rays.truncated_pixels = 9;
-    CHECK(counts_page(cut_short).find("\nIn 9 pixel(s) a sample ran out of its budget of rays") !=
+    CHECK(counts_page(cut_short).find("\nIn 9 pixels a sample ran out of its budget of rays") !=
           std::string::npos);
     auto plain = job();
     plain.settings.kernel = protocol::KernelChoice::reference;
