@@ -3,6 +3,7 @@
 
 #include "common/base/assert.hpp"
 #include "common/base/text.hpp"
+#include "common/protocol/reasons.hpp"
 
 #include <algorithm>
 
@@ -86,6 +87,8 @@ JobState Dispatcher::state_of(const Job& job) const {
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
+    else if (workers_.empty() && (job.phase == JobPhase::queued || job.phase == JobPhase::running))
+        state.reason = protocol::no_worker_reason;
     return state;
 }
 
