@@ -4,11 +4,14 @@
 #include "client/doctor.hpp"
 #include "client/farm_catcher.hpp"
 #include "client/json.hpp"
+#include "client/notices.hpp"
 #include "client/picture.hpp"
+#include "client/progress_report.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
+#include "common/net/clock.hpp"
 
 #include <algorithm>
 #include <array>
@@ -199,7 +202,7 @@ private:
         JobWatching watching(
             {command.job, session_options(options_.shared), {.share = 1, .once = true}},
             fresh_rng());
-        const Outcome outcome = converse(context, watching, catcher, signals_);
+        const Outcome outcome = converse(context, watching, catcher, options_.shared);
         const bool has_picture = outcome.code == ExitCode::done ||
                                  outcome.code == ExitCode::job_failed ||
                                  outcome.code == ExitCode::cancelled;
@@ -211,7 +214,10 @@ private:
             return {ExitCode::usage, written.error().message};
         if (options_.shared.json)
             fmt::print("{}\n", job_json(job));
-        if (job.phase != protocol::JobPhase::done)
+        const ProgressMode mode = ProgressReport::chosen(options_.shared.progress, console_);
+        if (job.phase == protocol::JobPhase::done)
+            tell(console_, mode, "wrote", "wrote " + command.output);
+        else
             console_.info(
                 fmt::format("{} #{} is {}: {} holds {}% of its pixels", job.job_name, job.number,
                             to_string(job.phase), command.output,
@@ -224,13 +230,22 @@ private:
     Outcome catch_farm(FarmCatcher& catcher, const SharedOptions& shared) {
         const net::Context context;
         FarmWatching watching(session_options(shared));
-        return converse(context, watching, catcher, signals_);
+        return converse(context, watching, catcher, shared);
     }
 
     Outcome ask(Question question, Listener& catcher) {
         const net::Context context;
         Asking asking(std::move(question), session_options(options_.shared));
-        return converse(context, asking, catcher, signals_);
+        return converse(context, asking, catcher, options_.shared);
+    }
+
+    /// Says that a broker is looked for, where that takes long.
+    Outcome converse(const net::Context& context, Core& core, Listener& listener,
+                     const SharedOptions& shared) {
+        SearchingListener searching(listener,
+                                    {console_, ProgressReport::chosen(shared.progress, console_),
+                                     shared.brokers, net::now()});
+        return client::converse(context, core, searching, signals_);
     }
 
     /// Asks on a terminal, where the deed may be refused; elsewhere nobody answers. It has been

@@ -4,6 +4,7 @@
 #include "client/frames.hpp"
 #include "client/json.hpp"
 #include "client/local/local_farm.hpp"
+#include "client/notices.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "client/progress_report.hpp"
@@ -43,8 +44,10 @@ struct Shared {
 struct FrameState {
     std::uint32_t number = 0;
     std::string output;
+    bool told_resumed = false;
     // guarded by Shared::mutex
-    std::optional<protocol::JobState> job;
+    JobId submitted; ///< a job that is taken over has another id
+    std::optional<protocol::JobState> job, accepted;
     std::string broker;
     bool connected = true; ///< not known to be without the broker
     double share = 0;
@@ -70,6 +73,10 @@ private:
     void take(const Accepted& news) {
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
         note(news.state);
+        {
+            const std::lock_guard lock(shared_.mutex);
+            state_.accepted = news.state;
+        }
         shared_.changed.notify_one();
     }
     void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }
@@ -96,7 +103,8 @@ class FilmProgram {
 public:
     FilmProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console),
-          mode_(ProgressReport::chosen(options.shared.progress, console_)), pace_(net::now()) {
+          mode_(ProgressReport::chosen(options.shared.progress, console_)), pace_(net::now()),
+          wait_(console_, mode_) {
         report_.started = std::chrono::system_clock::now();
         report_.film = random_id<FilmId>();
         report_.job_name = options.job_name;
@@ -198,6 +206,7 @@ private:
             session_.brokers = {farm_->endpoint()};
             session_.connect_timeout = LocalFarm::answers_within;
         }
+        search_.emplace(console_, mode_, session_.brokers, net::now());
         const Instant times_out =
             options_.timeout ? net::now() + *options_.timeout : Instant::never();
         std::optional<Outcome> leaving;
@@ -214,7 +223,12 @@ private:
                 shared_.changed.wait_for(lock, look_around);
             }
             gather();
-            show_progress();
+            if (broker_.empty() && !farm_) {
+                search_->tick(net::now());
+            } else {
+                search_->end();
+                show_progress();
+            }
             if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
                 leaving = outcome_of(*signal);
             else if (net::now() >= times_out)
@@ -222,6 +236,7 @@ private:
             else if (auto fault = farm_ ? farm_->fault() : std::nullopt)
                 leaving = Outcome{ExitCode::job_failed, *std::move(fault)};
         }
+        search_->end();
         if (!leaving)
             return summary();
         leave(*leaving, next);
@@ -265,6 +280,10 @@ private:
                                   .timeout = std::nullopt};
         request.job.wishes.film = report_.film;
         request.job.wishes.frame = state.number;
+        {
+            const std::lock_guard lock(shared_.mutex);
+            state.submitted = request.job.job;
+        }
         FrameListener listener(shared_, state);
         Outcome outcome = run_submission(context_, std::move(request), listener, nullptr);
         if (outcome.code != ExitCode::done)
@@ -282,11 +301,18 @@ private:
         std::vector<std::size_t> over;
         {
             const std::lock_guard lock(shared_.mutex);
+            if (!running_.empty() && !farm_)
+                if (const auto& job = running_.begin()->second.state->job)
+                    wait_.update(net::now(), *job, worker_cure(broker_));
             for (const auto& [index, one] : running_) {
                 connected = connected && one.state->connected;
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
                 accepted_ = accepted_ || one.state->job;
+                const auto& accepted = one.state->accepted;
+                if (accepted && accepted->job != one.state->submitted &&
+                    !std::exchange(one.state->told_resumed, true))
+                    tell_resumed(console_, mode_, *accepted, one.state->submitted);
                 if (one.state->outcome)
                     over.push_back(index);
             }
@@ -329,6 +355,7 @@ private:
     }
 
     void show_progress() {
+        wait_.tick(net::now());
         double share = static_cast<double>(done_ + failures_.size());
         {
             const std::lock_guard lock(shared_.mutex);
@@ -357,7 +384,22 @@ private:
         shown_ = line;
     }
 
+    void say_what_was_written() {
+        std::vector<std::string> written;
+        for (const FilmReport::Frame& frame : report_.frames)
+            if (!frame.output.empty())
+                written.push_back(frame.output);
+        if (written.size() == 1)
+            tell(console_, mode_, "wrote", "wrote " + written.front());
+        else if (!written.empty())
+            tell(console_, mode_, "wrote",
+                 fmt::format("wrote {}: {} ... {}", counted(written.size(), "frame"),
+                             written.front(), written.back()));
+    }
+
     Outcome summary() {
+        console_.end_redraw();
+        say_what_was_written();
         if (gives_up_)
             return *gives_up_;
         if (failures_.empty())
@@ -420,6 +462,8 @@ private:
     Console console_;
     ProgressMode mode_;
     PlainPace pace_;
+    WaitNotice wait_;
+    std::optional<SearchNotice> search_; ///< while frames are rendered
     std::string shown_;
     FilmReport report_;
     std::optional<FilmScenes> scenes_;

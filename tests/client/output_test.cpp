@@ -5,6 +5,7 @@
 #include "client/submit_options.hpp"
 #include "client/table.hpp"
 #include "common/service/json_line.hpp"
+#include "tests/client/written.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -52,27 +53,6 @@ std::string attribute_of(const protocol::JobState& state, const char* name) {
     const auto found = std::ranges::find(attributes, name, &PictureAttribute::name);
     return found == attributes.end() ? "missing" : found->value;
 }
-
-/// What a Console wrote into a file.
-class Written {
-public:
-    explicit Written(ConsoleOptions options) : file_(std::tmpfile()), console(options, file_) {}
-    ~Written() { std::fclose(file_); }
-    Written(const Written&) = delete;
-    Written& operator=(const Written&) = delete;
-    [[nodiscard]] std::string text() {
-        std::rewind(file_);
-        std::string all(4096, '\0');
-        all.resize(std::fread(all.data(), 1, all.size(), file_));
-        return all;
-    }
-
-private:
-    std::FILE* file_;
-
-public:
-    Console console;
-};
 
 } // namespace
 

@@ -94,6 +94,62 @@ TEST_CASE("no broker: what is there instead, and three ways on") {
     }
 }
 
+TEST_CASE("while a broker is looked for, that is said") {
+    const auto said = [](const Words& words) {
+        const auto result = run(
+            {with(words, {"-b", "tcp://127.0.0.1:1", "--connect-timeout", "1500ms"})}, patience);
+        REQUIRE(result.has_value());
+        CHECK(result->exit == 3);
+        CHECK(result->out.empty());
+        return result->err;
+    };
+    const std::string looking = ": looking for a broker at tcp://127.0.0.1:1 ...\n";
+    for (const Words& argv :
+         {Words{program("fraja-submit"), scene("cone"), "-o", "/tmp/never.png"},
+          Words{program("fraja-submit"), scene("cone"), "--travel",
+                FRAJA_SOURCE_DIR "/scenes/travels/cone.raj", "-o", "/tmp/never%d.png"},
+          Words{program("fraja-watch")}, Words{program("fraja-watch"), "cone"},
+          Words{program("fraja-ctl"), "jobs"}, Words{program("fraja-ctl"), "show", "cone"}}) {
+        CAPTURE(argv[0]);
+        CHECK(contains(said(argv), looking));
+    }
+    const Words jobs = {program("fraja-ctl"), "jobs", "--progress"};
+    CHECK(said(with(jobs, {"json"})).starts_with(R"({"schema":"fraja.event/1","event":"looking)"));
+    CHECK_FALSE(contains(said(with(jobs, {"none"})), "looking"));
+}
+
+TEST_CASE("a job that waits for a worker says so, with the cure, and what was written in the end") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string output = scratch.file("x.png");
+    Process client = farm.start_submit({scene("cone"), "-r", "8x6", "-o", output});
+    REQUIRE(client.wait_for_words(Process::Stream::err, ": job ", patience).has_value());
+    Process watcher = farm.watch("cone", {});
+    for (Process* process : {&client, &watcher})
+        CHECK(process
+                  ->wait_for_words(Process::Stream::err,
+                                   "cone #1 is waiting: no worker is connected; fraja-worker -b " +
+                                       farm.endpoint() + " starts one",
+                                   patience)
+                  .has_value());
+    farm.add_worker("ada");
+    for (Process* process : {&client, &watcher}) {
+        CHECK(process->wait_for_exit(patience) == 0);
+        INFO(process->story());
+        CHECK(contains(process->err(), "a worker is here: cone #1 goes on\n"));
+    }
+    CHECK(client.err().ends_with("fraja-submit: wrote " + output + "\n"));
+    const RunResult again = farm.submit({scene("cone"), "-r", "8x6", "-o", output, "--resume"});
+    CHECK(contains(again.err, "fraja-submit: resumes cone #1: 100% of it was there\n"));
+    const RunResult quiet =
+        farm.submit({scene("cone"), "-r", "8x6", "-o", output, "--log-level", "warning", "--wait"});
+    CHECK(quiet.exit == 0);
+    CHECK(quiet.err.empty());
+    const RunResult kept = farm.submit(
+        {scene("cone"), "-r", "8x6", "-o", output, "--time-limit", "1h", "--max-samples", "4"});
+    CHECK(contains(kept.err, "each pixel has its 4 samples, and --max-samples 4 lets it have no"));
+}
+
 TEST_CASE("a scene that is none") {
     const Scratch scratch;
     const auto file = [&](const std::string& name, const std::string& text) {
