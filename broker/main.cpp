@@ -94,20 +94,50 @@ Result<void> complete_upstream(broker::Options& options) {
     return worker::validate(as_worker);
 }
 
-/// The system's own limit is often below ours: then it is raised, or people are told.
-void make_room_for_peers(const broker::Limits& limits, service::Logger& logger) {
-    const std::size_t wanted = broker::connections_max(limits);
-    const std::size_t room = net::reserve_connections(wanted);
-    if (room < wanted)
-        logger.log(
-            {LogLevel::warning,
-             {},
-             {},
-             fmt::format("there is room for {} connections, and {} workers and {} clients take "
-                         "{}: the system lets this process have no more file descriptors (ulimit "
-                         "-Hn)",
-                         room, limits.workers_max, limits.clients_max, wanted)});
-}
+/// Where there is room for less than this, a farm of some size is turned away.
+constexpr std::size_t connections_few = 1000;
+/// Of the room for connections, taken: then people are told.
+constexpr double room_taken_much = 0.9;
+
+/// The connections that the system lets this process have.
+class Room {
+public:
+    /// Its own limit is often below ours: then it is raised. That it stays below is a warning only
+    /// where that is felt soon: few farms are as large as may be.
+    Room(const broker::Limits& limits, service::Logger& logger)
+        : wanted_(broker::connections_max(limits)), room_(net::reserve_connections(wanted_)),
+          logger_(logger) {
+        if (room_ < wanted_)
+            say(room_ < connections_few ? LogLevel::warning : LogLevel::debug,
+                fmt::format("there is room for {}, and {} and {} take {}",
+                            counted(room_, "connection"), counted(limits.workers_max, "worker"),
+                            counted(limits.clients_max, "client"), wanted_));
+    }
+
+    /// Says once that it is nearly used up.
+    void look_at(const broker::Figures& figures) {
+        const std::size_t taken = broker::connections_of(figures.workers(), figures.clients);
+        if (room_ < wanted_ && !said_ &&
+            static_cast<double>(taken) >= room_taken_much * static_cast<double>(room_)) {
+            said_ = true;
+            say(LogLevel::warning, fmt::format("of the room for {}, {} are taken",
+                                               counted(room_, "connection"), taken));
+        }
+    }
+
+private:
+    void say(LogLevel level, const std::string& what) {
+        logger_.log({level,
+                     {},
+                     {},
+                     what + ": the system lets this process have no more file descriptors (raise "
+                            "ulimit -Hn, or LimitNOFILE= of the service)"});
+    }
+
+    std::size_t wanted_, room_;
+    service::Logger& logger_;
+    bool said_ = false;
+};
 
 /// What is in the store, for people; read to the last byte.
 int check_state(const std::string& state) {
@@ -255,6 +285,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     service::Logger logger(program, arguments.log);
     service::Notifier notifier;
     broker::Board board;
+    std::optional<Room> room; // once it listens
     broker::Options& options = arguments.options;
     std::optional<broker::HttpServer> http;
     if (!arguments.http.empty()) {
@@ -267,7 +298,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     options.signals = &signals;
     options.on_log = [&](const LogLine& line) { logger.log(line); };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
-        make_room_for_peers(options.limits, logger);
+        room.emplace(options.limits, logger);
         fmt::print("listening {} stream {}\n", bound, stream);
         if (http) {
             http->serve();
@@ -281,6 +312,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     };
     options.on_report = [&, told = std::string()](const broker::Report& report) mutable {
         board.post(report);
+        room->look_at(report.figures);
         if (const std::string status = summary(report.figures); status != told)
             std::exchange(told, status).empty() ? notifier.ready(status) : notifier.status(status);
         notifier.alive(report.at);
