@@ -53,12 +53,14 @@ public:
           progress_(console, progress_mode(options.shared.progress, console, preview_.is_on()),
                     net::now()),
           wait_(console, ProgressReport::chosen(options.shared.progress, console)),
-          tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()) {}
+          tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()),
+          keys_(lines_on_terminal() ? RawKeys::take() : std::nullopt) {}
 
     void hear(Instant, const News& news) override {
         std::visit([this](const auto& n) { take(n); }, news);
     }
     Instant tick(Instant now) override {
+        left_ = keys_ && keys_->has_left();
         outlet_.pump();
         const Instant waited = wait_.tick(now);
         if (auto notice = tev_ ? tev_->take_notice() : std::nullopt)
@@ -75,10 +77,15 @@ public:
     void wait_also(std::vector<net::Waitable>& all) const override {
         if (!outlet_.is_empty())
             all.push_back(net::Waitable::writable(outlet_.fd()));
+        if (keys_)
+            all.emplace_back(STDIN_FILENO);
     }
-    std::optional<Outcome> wants_to_leave() override { return failure_; }
+    std::optional<Outcome> wants_to_leave() override {
+        return left_ && !failure_ ? std::optional(Outcome{}) : failure_;
+    }
 
     Outcome finish(Instant now, Outcome outcome, const net::SignalWatch* signals) {
+        keys_.reset();
         if (picture_)
             preview_.finish(picture_->film());
         progress_.finish(now);
@@ -170,6 +177,8 @@ private:
     WaitNotice wait_;
     std::unique_ptr<tev::Feed> tev_;
     bool shows_lines_;
+    std::optional<RawKeys> keys_; ///< not in a pipe: there they are its reader's
+    bool left_ = false;           ///< by a key
     Outlet outlet_;
     std::optional<Picture> picture_; ///< where somebody wants to see it
     PictureFile file_;

@@ -22,7 +22,7 @@ constexpr const char* watch_examples = R"(Examples:
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N; '' is the newest. It may be
 joined at any time: every tile is shown exactly once, or on a terminal the picture as it grows
-(--preview none: the tiles). The exit code is the job's. The table is left by q or Ctrl-C.
+(--preview none: the tiles). The exit code is the job's, or 0 where one left by q, 130 by Ctrl-C.
 )";
 
 /// --tev may stand alone: then the word behind it, if it is no HOST:PORT, is none of its own.
