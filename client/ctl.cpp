@@ -3,6 +3,7 @@
 #include "client/asking.hpp"
 #include "client/doctor.hpp"
 #include "client/farm_catcher.hpp"
+#include "client/farm_names.hpp"
 #include "client/json.hpp"
 #include "client/notices.hpp"
 #include "client/picture.hpp"
@@ -207,7 +208,7 @@ private:
                                  outcome.code == ExitCode::job_failed ||
                                  outcome.code == ExitCode::cancelled;
         if (!has_picture || !catcher.picture)
-            return outcome;
+            return with_cure(outcome, "JOB", command.job);
         const protocol::JobState& job = *catcher.job;
         if (const auto written = catcher.picture->write(command.output, job, command.encoding);
             !written)
@@ -235,8 +236,18 @@ private:
 
     Outcome ask(Question question, Listener& catcher) {
         const net::Context context;
+        const auto* const worker = std::get_if<WorkerQuestion>(&question);
+        const std::string name = worker ? worker->worker : std::get<JobQuestion>(question).job;
+        const char* const what = worker ? "WORKER" : "JOB";
         Asking asking(std::move(question), session_options(options_.shared));
-        return converse(context, asking, catcher, options_.shared);
+        return with_cure(converse(context, asking, catcher, options_.shared), what, name);
+    }
+
+    /// Where nothing has that name: what may have been meant.
+    Outcome with_cure(Outcome outcome, std::string_view what, const std::string& name) {
+        if (outcome.code == ExitCode::no_such_job)
+            outcome.reason += meant_in_farm(options_.shared, what, name);
+        return outcome;
     }
 
     /// Says that a broker is looked for, where that takes long.

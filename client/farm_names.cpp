@@ -54,6 +54,16 @@ std::vector<cli::Candidate> farm_names(const SharedOptions& shared, std::string_
                           : names_of(catcher.farm->workers, !begun.empty());
 }
 
+std::string meant_in_farm(const SharedOptions& shared, std::string_view value,
+                          std::string_view name) {
+    const auto known = farm_names(shared, value, name);
+    std::vector<std::string_view> names;
+    for (const cli::Candidate& candidate : known)
+        names.push_back(candidate.word);
+    const auto meant = meant_name(name, names);
+    return meant ? " (did you mean '" + std::string(*meant) + "'?)" : "";
+}
+
 cli::NameSource farm_name_source(const SharedArguments& shared) {
     return [&shared](std::string_view value, std::string_view begun) {
         const auto options = shared.read();

@@ -1,5 +1,6 @@
 #include "client/watch_job.hpp"
 
+#include "client/farm_names.hpp"
 #include "client/json.hpp"
 #include "client/live_preview.hpp"
 #include "client/notices.hpp"
@@ -228,8 +229,10 @@ int watch_job(const WatchOptions& options, Console& console, const net::SignalWa
     const bool said = outcome.code == ExitCode::interrupted ||
                       outcome.code == ExitCode::terminated ||
                       (of_job && !options.shared.json); // with its state
+    const bool unknown = outcome.code == ExitCode::no_such_job && !watching.follower();
     if (outcome.code != ExitCode::done && !said)
-        console.error(outcome.reason);
+        console.error(outcome.reason +
+                      (unknown ? meant_in_farm(options.shared, "JOB", *options.job) : ""));
     return static_cast<int>(console.checked(outcome.code, listener.has_lost_output()));
 }
 

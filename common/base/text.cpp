@@ -157,6 +157,16 @@ std::optional<std::string_view> nearest_name(std::string_view name,
     return best;
 }
 
+std::optional<std::string_view> meant_name(std::string_view name,
+                                           std::span<const std::string_view> candidates) {
+    constexpr std::size_t telling_letters = 3;
+    if (name.size() < telling_letters)
+        return std::nullopt;
+    const auto begun = std::ranges::find_if(
+        candidates, [&](std::string_view candidate) { return candidate.starts_with(name); });
+    return begun != candidates.end() ? std::optional(*begun) : nearest_name(name, candidates);
+}
+
 std::string printable(std::string_view text) {
     std::string result;
     result.reserve(text.size());

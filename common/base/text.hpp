@@ -36,6 +36,11 @@ namespace fraja {
 [[nodiscard]] std::optional<std::string_view>
 nearest_name(std::string_view name, std::span<const std::string_view> candidates);
 
+/// What was meant by `name`: the first candidate that it begins, or else the nearest_name(). Of up
+/// to two letters nothing can be said.
+[[nodiscard]] std::optional<std::string_view>
+meant_name(std::string_view name, std::span<const std::string_view> candidates);
+
 /// UTF-8 without the bytes that could move a terminal's cursor or make one line two: names and
 /// reasons come from others.
 [[nodiscard]] std::string printable(std::string_view text);

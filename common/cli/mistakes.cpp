@@ -20,10 +20,8 @@ constexpr const char* no_keys_yet =
 /// fingers.
 std::string meant(const std::string& word, const std::vector<std::string>& names) {
     const std::vector<std::string_view> views(names.begin(), names.end());
-    const auto begun =
-        std::ranges::find_if(views, [&](std::string_view name) { return name.starts_with(word); });
-    const auto near = begun != views.end() ? std::optional(*begun) : nearest_name(word, views);
-    return near && word.size() > 2 ? " (did you mean '" + std::string(*near) + "'?)" : "";
+    const auto name = meant_name(word, views);
+    return name ? " (did you mean '" + std::string(*name) + "'?)" : "";
 }
 
 std::vector<std::string> commands_of(const CLI::App& app) {

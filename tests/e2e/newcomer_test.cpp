@@ -166,6 +166,14 @@ TEST_CASE("a scene that is none") {
         {local("no-such.raj"),
          2,
          {"no-such.raj: there is no such file in " + fs::current_path().string()}},
+        {local(FRAJA_SOURCE_DIR "/scenes/coen.raj"),
+         2,
+         {"/coen.raj: there is no such file (did you mean '" + scene("cone") + "'?)"}},
+        {local(FRAJA_SOURCE_DIR "/scenes/cone"), 2, {"(did you mean '" + scene("cone") + "'?)"}},
+        {{"fraja-submit", "--local", scene("cone"), "--travel",
+          FRAJA_SOURCE_DIR "/scenes/travels/con.raj", "-o", scratch.file("%d.png")},
+         2,
+         {"/travels/con.raj: there is no such file (did you mean '"}},
         {local(scratch.file("")), 2, {"this is a directory", "scenes/cone.raj"}},
         {local(picture), 2, {picture + ": this is no scene", "raja.renderer.Scene"}},
         {local(file("empty.raj", "")), 2, {"empty.raj:1:1: unexpected end of the file"}},
@@ -329,11 +337,17 @@ TEST_CASE("jobs and workers that are not there, or are several") {
             twice = first;
     check({
         {ctl({"show", twice}), 2, {"'" + twice + "' fits 2 jobs", "give more of the id"}},
+        {ctl({"show", "coen"}), 6, {"there is no job 'coen' (did you mean 'cone'?)"}},
+        {ctl({"cancel", "--yes", "con"}), 6, {"there is no job 'con' (did you mean 'cone'?)"}},
+        {ctl({"get", "cnoe", "-o", "/tmp/never.png"}), 6, {"(did you mean 'cone'?)"}},
+        {{"fraja-watch", "-b", farm.endpoint(), "conne"}, 6, {"'conne' (did you mean 'cone'?)"}},
         {ctl({"cancel", "cone"}), 2, {"--yes", "cancel cone #"}},
         {ctl({"kick", "ada"}), 2, {"--yes", "kick ada"}},
         {ctl({"get", "cone", "-o", "/no/such/x.png"}), 2, {"there is no directory /no/such"}},
         {ctl({"get", "cone"}), 2, {"--output is missing"}},
     });
+    farm.add_worker("ada");
+    check({{ctl({"drain", "adda"}), 6, {"there is no worker 'adda' (did you mean 'ada'?)"}}});
 }
 
 TEST_CASE("a broker of another release") {
