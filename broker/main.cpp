@@ -238,9 +238,12 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
                                              Arguments& arguments) {
     CLI::App app(examples, program);
     describe(app, arguments);
-    if (auto early = cli::parse(app, words))
+    cli::Origins origins;
+    if (auto early = cli::parse(app, words, origins))
         return early;
-    const auto mistake = [](const std::string& text) { return cli::usage_error(program, text); };
+    const auto mistake = [&](const std::string& text) {
+        return cli::usage_error(program, origins.blame(text));
+    };
     broker::Options& options = arguments.options;
     const auto heartbeat = parse_duration(arguments.heartbeat),
                lease = parse_duration(arguments.lease), keep = parse_duration(arguments.keep);

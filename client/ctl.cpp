@@ -121,8 +121,8 @@ private:
     }
 
     /// The worst that was found: a broker that cannot be used, then what is wrong here.
-    Outcome perform(const Examine&) {
-        const auto here = examine_machine();
+    Outcome perform(const Examine& command) {
+        const auto here = examine_machine(command.refused_over);
         const auto there = examine_brokers(options_.shared, signals_);
         if (options_.shared.json)
             for (const auto& findings : {here, there})

@@ -361,11 +361,12 @@ int main(int argc, char** argv) try {
     arguments.options.name = worker::default_worker_name();
     CLI::App app(examples, program);
     describe(app, arguments);
-    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+    cli::Origins origins;
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv), origins))
         return cli::leave(*early);
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
-        return usage_error(completed.error().message);
+        return usage_error(origins.blame(completed.error().message));
     const auto isa = kernel::instruction_set();
     if (!isa)
         return fail(isa.error().message);

@@ -234,14 +234,17 @@ TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
     };
     check({
         {with_scene({"--timeout", "soon"}), 2, {"--timeout soon: ", "90, 90s, 5m or 1h30m"}},
-        {with_scene({"--size", "640"}), 2, {"--size 640: ", "640x480"}},
+        {with_scene({"--size", "640"}), 2, {"error: --size 640: ", "640x480"}},
+        {with_scene({"-r", "640"}), 2, {"error: -r 640: ", "640x480"}},
+        {with_scene({"-d", "-1"}), 2, {"error: -d -1: ", "0 to 1000000"}},
+        {with_scene({"-j", "2"}), 2, {"error: -j is for --local"}},
         {with_scene({"--crop", "1,2"}), 2, {"--crop 1,2: ", "X,Y,W,H"}},
         {with_scene({"--depth", "-1"}), 2, {"--depth -1: a number is needed, 0 to 1000000"}},
         {with_scene({"--error", "little"}), 2, {"--error little: a number is needed"}},
         {with_scene({"--kernel", "quick"}), 2, {"--kernel quick: fast or reference"}},
         {with_scene({"--spp", "4", "--aa", "2"}), 2, {"--aa and --spp exclude each other"}},
-        {with_scene({"-b", "http://farm"}), 2, {"--broker: endpoint 'http://farm'", "tcp, ipc"}},
-        {with_scene({"-b", "farm:99999"}), 2, {"--broker: endpoint 'farm:99999'", "0 to 65535"}},
+        {with_scene({"-b", "http://farm"}), 2, {"-b: endpoint 'http://farm'", "tcp, ipc"}},
+        {with_scene({"-b", "farm:99999"}), 2, {"-b: endpoint 'farm:99999'", "0 to 65535"}},
         {{"fraja-broker", "--heartbeat", "often"}, 2, {"--heartbeat often: ", "as 1s"}},
         {{"fraja-broker", "--quarantine", "3"}, 2, {"--quarantine 3: ", "as 3/10m"}},
         {{"fraja-broker", "--keep", "forever"}, 2, {"--keep forever: ", "as 7d"}},
@@ -255,6 +258,83 @@ TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
          {"--until later: done, first, or a share as 50%"}},
         {{"fraja-ctl", "prio", "cone", "high"}, 2, {"N 'high': a number is needed"}},
     });
+}
+
+TEST_CASE("what is typed goes before a settings file that says the contrary") {
+    const Scratch scratch;
+    fs::create_directories(scratch.file("fraja"));
+    const std::string file = scratch.file("fraja/config.toml");
+    const auto plan = [&](const std::string& settings, const Words& typed) {
+        std::ofstream(file) << "[fraja-submit]\n" << settings;
+        const auto result = run({with({program("fraja-submit"), "--dry-run", scene("cone")}, typed),
+                                 {"XDG_CONFIG_HOME=" + scratch.file("")}},
+                                patience);
+        REQUIRE(result.has_value());
+        return *result;
+    };
+    const std::string png = scratch.file("x.png"), exr = scratch.file("x.exr");
+    struct Row {
+        const char* settings;
+        Words typed;
+    };
+    for (const Row& row : {
+             Row{"skip-existing = true\n", {"--overwrite", "-o", png}},
+             Row{"transfer = 'srgb'\n", {"-o", exr}},
+             Row{"half = true\nlayers = true\n", {"-o", png}},
+             Row{"detach = true\n", {"-o", png}},
+             Row{"detach = true\n", {"--local", "-o", png}},
+             Row{"local = true\nthreads = 2\n", {"--detach"}},
+             Row{"output = 'y.png'\n", {"--detach"}},
+             Row{"time-limit = '9s'\nmax-samples = 64\nfilter = 'tent'\n", {"-a", "2", "-o", png}},
+             Row{"stats = true\ntime-limit = '9s'\npreview = 'auto'\n",
+                 {"--travel", FRAJA_SOURCE_DIR "/scenes/travels/cone.raj", "-o",
+                  scratch.file("%d.png")}},
+         }) {
+        const RunResult planned = plan(row.settings, row.typed);
+        CAPTURE(row.settings);
+        CAPTURE(planned.err);
+        CHECK(planned.exit == 0);
+        CHECK(planned.err.empty());
+    }
+    const RunResult wrong = plan("\nsize = '640'\n", {"-o", png});
+    CHECK(wrong.exit == 2);
+    CHECK(contains(wrong.err, "fraja-submit: error: " + file + ":3:1: --size 640: "));
+    const RunResult both = plan("detach = true\nlocal = true\n", {});
+    CHECK(both.exit == 2);
+    CHECK(
+        contains(both.err, file + ":3:1: local and detach (" + file + ":2:1) exclude each other"));
+}
+
+TEST_CASE("a doctor finds the mistakes in settings files, whosever they are, and goes on") {
+    const Scratch scratch;
+    const Farm farm;
+    fs::create_directories(scratch.file("fraja"));
+    const std::string file = scratch.file("fraja/config.toml");
+    struct Row {
+        const char* settings;
+        Words says;
+    };
+    for (const Row& row :
+         {Row{"borker = 'a'\n",
+              {":1:1: programs share no option 'borker' (did you mean 'broker'?)"}},
+          Row{"[fraja-broker]\nbnid = 'x'\n[fraja-worker]\nthreads = 0\n",
+              {":2:1: fraja-broker has no option 'bnid' (did you mean 'bind'?)",
+               ":4:1: --threads 0: a number is needed, 1 to 2048"}},
+          Row{"connect-timeout = 'soon'\n", {":1:1: --connect-timeout soon: "}}}) {
+        CAPTURE(row.settings);
+        std::ofstream(file) << row.settings;
+        const auto found = run({{program("fraja-ctl"), "doctor", "-b", farm.endpoint()},
+                                {"XDG_CONFIG_HOME=" + scratch.file("")}},
+                               patience);
+        REQUIRE(found.has_value());
+        INFO(found->out << found->err);
+        CHECK(found->exit == 2);
+        for (const std::string& words : row.says)
+            CHECK(contains(found->out, file + words));
+        CHECK(contains(found->out, "-> correct it there"));
+        CHECK(contains(found->out, "pictures"));
+        CHECK(contains(found->out, "reached in"));
+    }
 }
 
 TEST_CASE("a broker that cannot start") {
