@@ -54,7 +54,10 @@ std::set<std::string> mistakes_in_settings() {
 std::vector<Finding> examine_settings(const std::string& refused_over) {
     std::vector<Finding> findings;
     auto mistakes = mistakes_in_settings();
-    if (mistakes.empty() && !refused_over.empty())
+    const bool known = std::ranges::any_of(mistakes, [&](const std::string& mistake) {
+        return refused_over.find(mistake) != std::string::npos;
+    });
+    if (!refused_over.empty() && !known)
         mistakes.insert(refused_over);
     for (const std::string& mistake : mistakes)
         findings.push_back({bad, "settings", mistake,

@@ -320,7 +320,8 @@ TEST_CASE("a doctor finds the mistakes in settings files, whosever they are, and
           Row{"[fraja-broker]\nbnid = 'x'\n[fraja-worker]\nthreads = 0\n",
               {":2:1: fraja-broker has no option 'bnid' (did you mean 'bind'?)",
                ":4:1: --threads 0: a number is needed, 1 to 2048"}},
-          Row{"connect-timeout = 'soon'\n", {":1:1: --connect-timeout soon: "}}}) {
+          Row{"connect-timeout = 'soon'\n[fraja-broker]\nbnid = 'x'\n",
+              {":1:1: --connect-timeout soon: ", ":3:1: fraja-broker has no option 'bnid'"}}}) {
         CAPTURE(row.settings);
         std::ofstream(file) << row.settings;
         const auto found = run({{program("fraja-ctl"), "doctor", "-b", farm.endpoint()},
