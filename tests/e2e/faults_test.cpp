@@ -81,7 +81,7 @@ TEST_CASE("a worker told twice to leave hands its tile back at once") {
     // One at a time: two signals of a kind that come together are one.
     worker.send(SIGTERM);
     const auto leaving =
-        worker.wait_for_words(Process::Stream::err, "leaving with 1 tiles", patience);
+        worker.wait_for_words(Process::Stream::err, "leaving with 1 tile", patience);
     REQUIRE(leaving.has_value());
     worker.send(SIGTERM);
     CHECK(worker.wait_for_exit(patience) == 128 + SIGTERM);
