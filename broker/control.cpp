@@ -256,7 +256,7 @@ void Dispatcher::count_machine_failure(const PeerId& peer, WorkerSession& worker
          .kind = "worker_quarantined",
          .subject = worker.hello.worker_name,
          .text = "worker " + worker.hello.worker_name + " has failed " +
-                 std::to_string(worker.failures.size()) + " tiles: it gets none for " +
+                 counted(worker.failures.size(), "tile") + ": it gets none for " +
                  format_duration(limits_.quarantine_window)});
 }
 

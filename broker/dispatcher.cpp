@@ -1,6 +1,7 @@
 #include "broker/dispatcher.hpp"
 
 #include "common/base/assert.hpp"
+#include "common/base/text.hpp"
 
 #include <algorithm>
 
@@ -70,13 +71,13 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
     for (const auto& [peer, worker] : workers_)
         lines.push_back(
             "worker " + worker.hello.worker_name + " " + to_string(worker.hello.worker) + ": " +
-            std::to_string(worker.grants.size()) + " of " + std::to_string(worker.credit) +
-            " tiles in flight, " + std::to_string(worker.tiles_done) + " done");
+            std::to_string(worker.grants.size()) + " of " + counted(worker.credit, "tile") +
+            " in flight, " + std::to_string(worker.tiles_done) + " done");
     for (const auto& [number, id] : job_by_number_) {
         const auto state = jobs_.at(id).state(identity_.epoch, now);
         lines.push_back("job #" + std::to_string(number) + " " + state.job_name + " " +
                         to_string(id) + ": " + std::to_string(state.done_count) + " of " +
-                        std::to_string(state.cell_count) + " cells, " +
+                        counted(state.cell_count, "cell") + ", " +
                         std::to_string(state.in_flight_count) + " in flight");
     }
     return lines;

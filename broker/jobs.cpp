@@ -52,7 +52,7 @@ std::optional<std::string> Dispatcher::objection_to_one_more() const {
         return !is_over(jobs_.at(entry.second).phase);
     });
     if (static_cast<std::size_t>(live) >= limits_.jobs_max)
-        return "this broker takes " + std::to_string(limits_.jobs_max) + " jobs at a time";
+        return "this broker takes " + counted(limits_.jobs_max, "job") + " at a time";
     return std::nullopt;
 }
 
@@ -376,8 +376,8 @@ void Dispatcher::acknowledge(Job& job) {
     log({.level = LogLevel::info,
          .kind = "job_queued",
          .subject = to_string(job.id()),
-         .text = described(job) + ": " + std::to_string(s.settings.crop.pixel_count()) +
-                 " pixel(s) queued"});
+         .text =
+             described(job) + ": " + counted(s.settings.crop.pixel_count(), "pixel") + " queued"});
     publish_state(job);
 }
 

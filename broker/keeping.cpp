@@ -3,6 +3,7 @@
 
 #include "common/base/assert.hpp"
 #include "common/base/text.hpp"
+#include "common/protocol/reasons.hpp"
 
 #include <algorithm>
 
@@ -86,6 +87,8 @@ JobState Dispatcher::state_of(const Job& job) const {
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
+    else if (workers_.empty() && (job.phase == JobPhase::queued || job.phase == JobPhase::running))
+        state.reason = protocol::no_worker_reason;
     return state;
 }
 
@@ -102,7 +105,7 @@ void Dispatcher::on(const Restored& event) {
         log({.level = LogLevel::info,
              .kind = "restored",
              .subject = {},
-             .text = std::to_string(jobs_.size()) + " job(s) are here from before, " +
+             .text = counted(jobs_.size(), "job") + " from before, " +
                      std::to_string(ready_.size()) + " to go on with"});
 }
 

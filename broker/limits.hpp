@@ -79,9 +79,13 @@ struct Limits {
     Duration farm_interval = std::chrono::milliseconds(500);
 };
 
-/// Of all peers: a client follows the stream by a second one.
+/// A client follows the stream by a second one.
+[[nodiscard]] constexpr std::size_t connections_of(std::size_t workers, std::size_t clients) {
+    return workers + 2 * clients;
+}
+/// Of all peers.
 [[nodiscard]] constexpr std::size_t connections_max(const Limits& limits) {
-    return limits.workers_max + 2 * limits.clients_max;
+    return connections_of(limits.workers_max, limits.clients_max);
 }
 
 } // namespace fraja::broker

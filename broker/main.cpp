@@ -94,20 +94,50 @@ Result<void> complete_upstream(broker::Options& options) {
     return worker::validate(as_worker);
 }
 
-/// The system's own limit is often below ours: then it is raised, or people are told.
-void make_room_for_peers(const broker::Limits& limits, service::Logger& logger) {
-    const std::size_t wanted = broker::connections_max(limits);
-    const std::size_t room = net::reserve_connections(wanted);
-    if (room < wanted)
-        logger.log(
-            {LogLevel::warning,
-             {},
-             {},
-             fmt::format("there is room for {} connections, and {} workers and {} clients take "
-                         "{}: the system lets this process have no more file descriptors (ulimit "
-                         "-Hn)",
-                         room, limits.workers_max, limits.clients_max, wanted)});
-}
+/// Where there is room for less than this, a farm of some size is turned away.
+constexpr std::size_t connections_few = 1000;
+/// Of the room for connections, taken: then people are told.
+constexpr double room_taken_much = 0.9;
+
+/// The connections that the system lets this process have.
+class Room {
+public:
+    /// Its own limit is often below ours: then it is raised. That it stays below is a warning only
+    /// where that is felt soon: few farms are as large as may be.
+    Room(const broker::Limits& limits, service::Logger& logger)
+        : wanted_(broker::connections_max(limits)), room_(net::reserve_connections(wanted_)),
+          logger_(logger) {
+        if (room_ < wanted_)
+            say(room_ < connections_few ? LogLevel::warning : LogLevel::debug,
+                fmt::format("there is room for {}, and {} and {} take {}",
+                            counted(room_, "connection"), counted(limits.workers_max, "worker"),
+                            counted(limits.clients_max, "client"), wanted_));
+    }
+
+    /// Says once that it is nearly used up.
+    void look_at(const broker::Figures& figures) {
+        const std::size_t taken = broker::connections_of(figures.workers(), figures.clients);
+        if (room_ < wanted_ && !said_ &&
+            static_cast<double>(taken) >= room_taken_much * static_cast<double>(room_)) {
+            said_ = true;
+            say(LogLevel::warning, fmt::format("of the room for {}, {} are taken",
+                                               counted(room_, "connection"), taken));
+        }
+    }
+
+private:
+    void say(LogLevel level, const std::string& what) {
+        logger_.log({level,
+                     {},
+                     {},
+                     what + ": the system lets this process have no more file descriptors (raise "
+                            "ulimit -Hn, or LimitNOFILE= of the service)"});
+    }
+
+    std::size_t wanted_, room_;
+    service::Logger& logger_;
+    bool said_ = false;
+};
 
 /// What is in the store, for people; read to the last byte.
 int check_state(const std::string& state) {
@@ -134,8 +164,9 @@ int check_state(const std::string& state) {
         tiles += job.tiles.size();
         over += is_over(job.phase);
     }
-    fmt::print("{}: {} job(s), {} of them over, {} tile(s), {} scene(s)\n", store->file().string(),
-               contents.jobs.size(), over, tiles, contents.blobs.size());
+    fmt::print("{}: {}, {} of them over, {}, {}\n", store->file().string(),
+               counted(contents.jobs.size(), "job"), over, counted(tiles, "tile"),
+               counted(contents.blobs.size(), "scene"));
     return 0;
 }
 
@@ -207,9 +238,12 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
                                              Arguments& arguments) {
     CLI::App app(examples, program);
     describe(app, arguments);
-    if (auto early = cli::parse(app, words))
+    cli::Origins origins;
+    if (auto early = cli::parse(app, words, origins))
         return early;
-    const auto mistake = [](const std::string& text) { return cli::usage_error(program, text); };
+    const auto mistake = [&](const std::string& text) {
+        return cli::usage_error(program, origins.blame(text));
+    };
     broker::Options& options = arguments.options;
     const auto heartbeat = parse_duration(arguments.heartbeat),
                lease = parse_duration(arguments.lease), keep = parse_duration(arguments.keep);
@@ -243,8 +277,9 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
 
 /// As `systemctl status` shows it.
 std::string summary(const broker::Figures& figures) {
-    return fmt::format("{} worker(s), {} tile(s) in flight, {} job(s) with tiles to give",
-                       figures.workers(), figures.tiles_in_flight, figures.jobs_ready);
+    return fmt::format(
+        "{}, {} in flight, {} with tiles to give", counted(figures.workers(), "worker"),
+        counted(figures.tiles_in_flight, "tile"), counted(figures.jobs_ready, "job"));
 }
 
 /// The broker with what it owes to whoever runs it: a log, pages, and signs of life.
@@ -253,6 +288,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     service::Logger logger(program, arguments.log);
     service::Notifier notifier;
     broker::Board board;
+    std::optional<Room> room; // once it listens
     broker::Options& options = arguments.options;
     std::optional<http::Server> pages;
     if (arguments.http_address) {
@@ -266,7 +302,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     options.signals = &signals;
     options.on_log = [&](const LogLine& line) { logger.log(line); };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
-        make_room_for_peers(options.limits, logger);
+        room.emplace(options.limits, logger);
         fmt::print("listening {} stream {}\n", bound, stream);
         if (pages) {
             pages->serve();
@@ -280,6 +316,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     };
     options.on_report = [&, told = std::string()](const broker::Report& report) mutable {
         board.post(report);
+        room->look_at(report.figures);
         if (const std::string status = summary(report.figures); status != told)
             std::exchange(told, status).empty() ? notifier.ready(status) : notifier.status(status);
         notifier.alive(report.at);

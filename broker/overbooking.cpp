@@ -2,6 +2,8 @@
 // once more, in parts if that is possible, and whoever is first is right.
 #include "broker/dispatcher.hpp"
 
+#include "common/base/text.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -143,7 +145,7 @@ void Dispatcher::help_out() {
              .text = "job #" + std::to_string(job.number()) + ", " + std::to_string(r.width) + "x" +
                      std::to_string(r.height) + " pixels at " + std::to_string(r.x) + "," +
                      std::to_string(r.y) + ": late on " + workers_.at(late.peer).hello.worker_name +
-                     ", given out once more in " + std::to_string(parts) + " part(s)"});
+                     ", given out once more in " + counted(parts, "part")});
         job.overbook(late.id, parts);
         ++counters_.tiles_overbooked;
         look_ready(job);

@@ -89,7 +89,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     end_client(peer, Departure::replaced);
     if (workers_.size() >= limits_.workers_max)
         return turn_away(peer, RefusalCode::limit_exceeded,
-                         "this broker takes " + std::to_string(limits_.workers_max) + " workers");
+                         "this broker takes " + counted(limits_.workers_max, "worker"));
     WorkerSession& worker = workers_[peer];
     worker.hello = hello;
     worker.heard_at = now_;
@@ -103,8 +103,8 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     log({.level = LogLevel::info,
          .kind = "worker_here",
          .subject = hello.worker_name,
-         .text = "worker " + hello.worker_name + " is here: " + std::to_string(hello.threads) +
-                 " thread(s), credit " + std::to_string(hello.credit) + ", version " +
+         .text = "worker " + hello.worker_name + " is here: " + counted(hello.threads, "thread") +
+                 ", credit " + std::to_string(hello.credit) + ", version " +
                  hello.program_version});
     send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
                        identity_.stream, std::string(fraja::version), hello.incarnation});
@@ -203,7 +203,7 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
          .kind = lost ? "worker_lost" : "worker_gone",
          .subject = session.hello.worker_name,
          .text = "worker " + session.hello.worker_name + " is gone (" + why + "); " +
-                 std::to_string(session.grants.size()) + " tile(s) requeued"});
+                 counted(session.grants.size(), "tile") + " requeued"});
     // A tile that was being rendered when its worker died may be what killed it: that counts as a
     // failure.
     std::vector<std::pair<Instant, GrantKey>> by_age;

@@ -1,6 +1,7 @@
 // Dispatcher: what becomes of the tiles that were given out.
 #include "broker/dispatcher.hpp"
 
+#include "common/base/text.hpp"
 #include "common/protocol/pixels.hpp"
 #include "common/protocol/topics.hpp"
 
@@ -255,7 +256,7 @@ bool Dispatcher::count_failure(Job& job, const Grant& grant, const WorkerSession
                  " of " + std::to_string(limits_.attempts_max) + " times: " + why});
     if (failures >= limits_.attempts_max)
         end_job(job, JobPhase::failed,
-                tile + " failed " + std::to_string(failures) + " times, the last time on " +
+                tile + " failed " + counted(failures, "time") + ", the last time on " +
                     worker.hello.worker_name + ": " + why);
     return true;
 }

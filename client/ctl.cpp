@@ -3,12 +3,16 @@
 #include "client/asking.hpp"
 #include "client/doctor.hpp"
 #include "client/farm_catcher.hpp"
+#include "client/farm_names.hpp"
 #include "client/json.hpp"
+#include "client/notices.hpp"
 #include "client/picture.hpp"
+#include "client/progress_report.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
+#include "common/net/clock.hpp"
 
 #include <algorithm>
 #include <array>
@@ -117,8 +121,8 @@ private:
     }
 
     /// The worst that was found: a broker that cannot be used, then what is wrong here.
-    Outcome perform(const Examine&) {
-        const auto here = examine_machine();
+    Outcome perform(const Examine& command) {
+        const auto here = examine_machine(command.refused_over);
         const auto there = examine_brokers(options_.shared, signals_);
         if (options_.shared.json)
             for (const auto& findings : {here, there})
@@ -199,19 +203,22 @@ private:
         JobWatching watching(
             {command.job, session_options(options_.shared), {.share = 1, .once = true}},
             fresh_rng());
-        const Outcome outcome = converse(context, watching, catcher, signals_);
+        const Outcome outcome = converse(context, watching, catcher, options_.shared);
         const bool has_picture = outcome.code == ExitCode::done ||
                                  outcome.code == ExitCode::job_failed ||
                                  outcome.code == ExitCode::cancelled;
         if (!has_picture || !catcher.picture)
-            return outcome;
+            return with_cure(outcome, "JOB", command.job);
         const protocol::JobState& job = *catcher.job;
         if (const auto written = catcher.picture->write(command.output, job, command.encoding);
             !written)
             return {ExitCode::usage, written.error().message};
         if (options_.shared.json)
             fmt::print("{}\n", job_json(job));
-        if (job.phase != protocol::JobPhase::done)
+        const ProgressMode mode = ProgressReport::chosen(options_.shared.progress, console_);
+        if (job.phase == protocol::JobPhase::done)
+            tell(console_, mode, "wrote", "wrote " + command.output);
+        else
             console_.info(
                 fmt::format("{} #{} is {}: {} holds {}% of its pixels", job.job_name, job.number,
                             to_string(job.phase), command.output,
@@ -224,13 +231,32 @@ private:
     Outcome catch_farm(FarmCatcher& catcher, const SharedOptions& shared) {
         const net::Context context;
         FarmWatching watching(session_options(shared));
-        return converse(context, watching, catcher, signals_);
+        return converse(context, watching, catcher, shared);
     }
 
     Outcome ask(Question question, Listener& catcher) {
         const net::Context context;
+        const auto* const worker = std::get_if<WorkerQuestion>(&question);
+        const std::string name = worker ? worker->worker : std::get<JobQuestion>(question).job;
+        const char* const what = worker ? "WORKER" : "JOB";
         Asking asking(std::move(question), session_options(options_.shared));
-        return converse(context, asking, catcher, signals_);
+        return with_cure(converse(context, asking, catcher, options_.shared), what, name);
+    }
+
+    /// Where nothing has that name: what may have been meant.
+    Outcome with_cure(Outcome outcome, std::string_view what, const std::string& name) {
+        if (outcome.code == ExitCode::no_such_job)
+            outcome.reason += meant_in_farm(options_.shared, what, name);
+        return outcome;
+    }
+
+    /// Says that a broker is looked for, where that takes long.
+    Outcome converse(const net::Context& context, Core& core, Listener& listener,
+                     const SharedOptions& shared) {
+        SearchingListener searching(listener,
+                                    {console_, ProgressReport::chosen(shared.progress, console_),
+                                     shared.brokers, net::now()});
+        return client::converse(context, core, searching, signals_);
     }
 
     /// Asks on a terminal, where the deed may be refused; elsewhere nobody answers. It has been

@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <array>
+#include <filesystem>
 #include <utility>
 
 namespace fraja::client {
@@ -25,9 +26,8 @@ A JOB is an id, the beginning of one, a name (its newest job) or #N. A WORKER is
 beginning of one, or a name.
 )";
 
-} // namespace
-
-Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
+Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
+                                     const std::vector<std::filesystem::path>& settings) {
     SharedArguments shared;
     EncodingArguments encoding;
     std::string job, worker, output;
@@ -82,12 +82,14 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
     encoding.add_to(*get);
     std::string shell;
+    cli::Origins origins;
     CLI::App* completion = command("completion", "Print the script that completes our programs");
     completion->add_option("shell", shell, "Shell")
         ->required()
         ->check(CLI::IsMember({"bash", "zsh", "fish"}))
         ->type_name("SHELL");
-    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
+    if (auto early =
+            cli::parse(app, std::move(arguments), origins, farm_name_source(shared), settings))
         return *early;
     if (completion->parsed())
         return EarlyExit{0, *cli::completion_script(shell, programs)};
@@ -95,15 +97,15 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
     CtlOptions options;
     auto read = shared.read();
     if (!read)
-        return cli::usage_error(ctl_name, read.error().message);
+        return cli::usage_error(ctl_name, origins.blame(read.error().message));
     options.shared = *std::move(read);
     if (job.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no WORKER: it is too long");
-    const auto how = encoding.read(output);
+    const auto how = encoding.read(output, origins);
     if (!how)
-        return cli::usage_error(ctl_name, how.error().message);
+        return cli::usage_error(ctl_name, origins.blame(how.error().message));
     if (jobs->parsed())
         options.command = ListJobs{};
     else if (workers->parsed())
@@ -125,6 +127,23 @@ Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
         if (sub->parsed())
             options.command = ControlWorker{worker, deed, yes};
     return options;
+}
+
+} // namespace
+
+Parsed<CtlOptions> parse_ctl_options(std::vector<std::string> arguments) {
+    const auto whole = read_command_line(arguments, cli::settings_files());
+    const auto* const early = std::get_if<EarlyExit>(&whole);
+    if (!early || early->code == 0)
+        return whole;
+    // A doctor is needed most where settings files keep everything else from working.
+    auto typed = read_command_line(std::move(arguments), {});
+    if (auto* const options = std::get_if<CtlOptions>(&typed))
+        if (auto* const doctor = std::get_if<Examine>(&options->command)) {
+            doctor->refused_over = early->text.substr(0, early->text.find('\n'));
+            return typed;
+        }
+    return whole;
 }
 
 } // namespace fraja::client

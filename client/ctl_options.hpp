@@ -34,7 +34,11 @@ struct GetPicture {
 };
 struct ListBrokers {};
 struct ShowStats {};
-struct Examine {}; ///< what is wrong here?
+/// What is wrong here?
+struct Examine {
+    /// What any other command would end with, as the settings files are; they are not in use then.
+    std::string refused_over;
+};
 using CtlCommand = std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker,
                                 GetPicture, ListBrokers, ShowStats, Examine>;
 

@@ -1,11 +1,13 @@
 #include "client/doctor.hpp"
 
+#include "client/output_of.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/settings.hpp"
+#include "common/cli/settings_file.hpp"
 #include "common/cli/state_folder.hpp"
 #include "common/image_io/picture_codec.hpp"
 #include "common/net/clock.hpp"
@@ -17,6 +19,7 @@
 #include <filesystem>
 #include <fmt/core.h>
 #include <optional>
+#include <set>
 #include <sys/resource.h>
 #include <system_error>
 #include <thread>
@@ -33,13 +36,42 @@ using enum Finding::Grade;
 /// For what answers within a millisecond where it answers at all.
 constexpr Duration patience = 3s;
 
-Finding examine_settings() {
+/// What each program that is installed beside this one says of the settings files: its options are
+/// known to itself alone.
+std::set<std::string> mistakes_in_settings() {
+    std::set<std::string> mistakes; // of what is for all of them each says the same
+    std::error_code error;
+    const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
+    for (const std::string_view program : cli::programs)
+        if (const fs::path path = folder / program; fs::exists(path, error))
+            if (const auto said = output_of({path.string(), "--check-settings"}, patience))
+                if (const std::string line = said->substr(0, said->find('\n')); !line.empty())
+                    mistakes.insert(line);
+    return mistakes;
+}
+
+/// `refused_over`: as Examine has it.
+std::vector<Finding> examine_settings(const std::string& refused_over) {
+    std::vector<Finding> findings;
+    auto mistakes = mistakes_in_settings();
+    const bool known = std::ranges::any_of(mistakes, [&](const std::string& mistake) {
+        return refused_over.find(mistake) != std::string::npos;
+    });
+    if (!refused_over.empty() && !known)
+        mistakes.insert(refused_over);
+    for (const std::string& mistake : mistakes)
+        findings.push_back({bad, "settings", mistake,
+                            "correct it there, or take it out: until then the program that it is "
+                            "for does not start"});
     std::string read;
     std::error_code ignored;
     for (const fs::path& file : cli::settings_files())
         if (fs::exists(file, ignored))
             read += (read.empty() ? "" : ", ") + file.string();
-    return {good, "settings", read.empty() ? "no settings file" : "read from " + read, {}};
+    if (findings.empty())
+        findings.push_back(
+            {good, "settings", read.empty() ? "no settings file" : "read from " + read, {}});
+    return findings;
 }
 
 Finding examine_processors() {
@@ -176,14 +208,15 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
 
 } // namespace
 
-std::vector<Finding> examine_machine() {
+std::vector<Finding> examine_machine(const std::string& refused_over) {
     std::error_code ignored;
-    return {examine_settings(),
-            examine_processors(),
-            examine_descriptors(),
-            examine_pictures(),
-            examine_folder("folder", fs::current_path(ignored)),
-            examine_folder("state", cli::state_folder().value_or("/"))};
+    std::vector<Finding> findings = examine_settings(refused_over);
+    for (Finding& finding :
+         std::vector{examine_processors(), examine_descriptors(), examine_pictures(),
+                     examine_folder("folder", fs::current_path(ignored)),
+                     examine_folder("state", cli::state_folder().value_or("/"))})
+        findings.push_back(std::move(finding));
+    return findings;
 }
 
 std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix_time) {
@@ -221,16 +254,18 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
                             "start one on each machine: fraja-worker -b BROKER"});
     else if (broker.threads == 0)
         findings.push_back(
-            {doubtful, "workers", fmt::format("none of the {} may be given tiles", broker.workers),
+            {doubtful, "workers", fmt::format("{}, and none may be given tiles", broker.workers),
              "fraja-ctl workers shows who drains or is in quarantine; undrain them"});
     else
-        findings.push_back({good,
-                            "workers",
-                            fmt::format("{} with {} threads", broker.workers, broker.threads),
-                            {}});
+        findings.push_back(
+            {good,
+             "workers",
+             fmt::format("{} with {}", broker.workers, counted(broker.threads, "thread")),
+             {}});
     if (broker.threads > 0 && broker.jobs_ready > 0 && broker.tiles_in_flight == 0)
         findings.push_back(
-            {doubtful, "jobs", fmt::format("{} wait, and nobody renders them", broker.jobs_ready),
+            {doubtful, "jobs",
+             counted(broker.jobs_ready, "job") + " to be rendered, and nobody at it",
              "compare their tags with the workers': fraja-ctl jobs, workers --json"});
     return findings;
 }

@@ -30,8 +30,10 @@ inline constexpr Duration clock_skew_max = std::chrono::seconds(5);
 inline constexpr std::uint64_t descriptors_few = 4096;
 inline constexpr std::uint64_t disk_bytes_few = std::uint64_t{1} << 30;
 
-/// This machine: settings files, processors, descriptors, pictures, room on the disks.
-[[nodiscard]] std::vector<Finding> examine_machine();
+/// This machine: settings files, as each program reads them, processors, descriptors, pictures,
+/// room on the disks. `refused_over`: what is wrong with the settings as far as that is known; may
+/// be empty.
+[[nodiscard]] std::vector<Finding> examine_machine(const std::string& refused_over = {});
 
 /// What a farm says of itself. `unix_time`: this machine's clock, since 1970.
 [[nodiscard]] std::vector<Finding> examine_farm(const protocol::FarmState& farm,

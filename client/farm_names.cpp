@@ -4,6 +4,7 @@
 #include "client/json.hpp"
 #include "client/shell.hpp"
 #include "client/watching.hpp"
+#include "common/base/text.hpp"
 
 #include <algorithm>
 #include <set>
@@ -28,8 +29,7 @@ std::vector<cli::Candidate> names_of(const std::vector<protocol::JobState>& jobs
 std::vector<cli::Candidate> names_of(const std::vector<protocol::WorkerState>& workers, bool ids) {
     std::vector<cli::Candidate> names;
     for (const protocol::WorkerState& worker : workers) {
-        names.push_back(
-            {worker.worker_name, "a worker of " + std::to_string(worker.threads) + " threads"});
+        names.push_back({worker.worker_name, "a worker of " + counted(worker.threads, "thread")});
         if (ids)
             names.push_back({to_string(worker.worker), worker.worker_name});
     }
@@ -52,6 +52,16 @@ std::vector<cli::Candidate> farm_names(const SharedOptions& shared, std::string_
         return {};
     return value == "JOB" ? names_of(catcher.farm->jobs, !begun.empty())
                           : names_of(catcher.farm->workers, !begun.empty());
+}
+
+std::string meant_in_farm(const SharedOptions& shared, std::string_view value,
+                          std::string_view name) {
+    const auto known = farm_names(shared, value, name);
+    std::vector<std::string_view> names;
+    for (const cli::Candidate& candidate : known)
+        names.push_back(candidate.word);
+    const auto meant = meant_name(name, names);
+    return meant ? " (did you mean '" + std::string(*meant) + "'?)" : "";
 }
 
 cli::NameSource farm_name_source(const SharedArguments& shared) {

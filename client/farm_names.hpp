@@ -14,7 +14,11 @@ inline constexpr Duration names_timeout = std::chrono::milliseconds(500);
 [[nodiscard]] std::vector<cli::Candidate>
 farm_names(const SharedOptions& shared, std::string_view value, std::string_view begun);
 
-/// That, as the shared arguments name the broker when it is asked for. They must outlive it.
+/// " (did you mean 'cone'?)" where one of farm_names() was probably meant by `name`; or nothing.
+[[nodiscard]] std::string meant_in_farm(const SharedOptions& shared, std::string_view value,
+                                        std::string_view name);
+
+/// farm_names() as the shared arguments name the broker when it is asked for. They must outlive it.
 [[nodiscard]] cli::NameSource farm_name_source(const SharedArguments& shared);
 
 } // namespace fraja::client

@@ -32,11 +32,6 @@ std::size_t shown_count(std::size_t count, std::size_t room) {
     return room > 2 ? room - 2 : 0;
 }
 
-/// "1 job", "2 jobs".
-std::string counted(std::uint64_t count, std::string_view what) {
-    return fmt::format("{} {}{}", count, what, count == 1 ? "" : "s");
-}
-
 void append_more(Lines& lines, std::size_t more, std::string_view what) {
     if (more > 0)
         lines.push_back("and " + counted(more, "more " + std::string(what)));

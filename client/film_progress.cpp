@@ -14,8 +14,8 @@ unsigned FilmView::percent() const {
 }
 
 std::string film_line(const FilmView& v) {
-    std::string line = fmt::format("{}  {} of {} frames", printable(v.film_name), v.moment.written,
-                                   v.moment.frame_count);
+    std::string line = fmt::format("{}  {} of {}", printable(v.film_name), v.moment.written,
+                                   counted(v.moment.frame_count, "frame"));
     if (v.moment.at_hand > 0)
         line += fmt::format(", {} at hand", v.moment.at_hand);
     line += fmt::format("  {}%", v.percent());

@@ -198,6 +198,10 @@ std::string film_progress_json(const FilmView& v) {
     return dumped(json);
 }
 
+std::string event_json(std::string_view event, std::string_view text) {
+    return dumped({{"schema", "fraja.event/1"}, {"event", event}, {"text", text}});
+}
+
 std::string submit_json(const SubmissionReport& r) {
     Json json = {{"schema", "fraja.submit/1"}, {"state", r.state}};
     json["exit_code"] = static_cast<int>(r.outcome.code);

@@ -36,6 +36,9 @@ namespace fraja::client {
 /// fraja.film_progress/1
 [[nodiscard]] std::string film_progress_json(const FilmView& view);
 
+/// fraja.event/1: something that happened once, beside the progress.
+[[nodiscard]] std::string event_json(std::string_view event, std::string_view text);
+
 /// What is known of a submission when it is over.
 struct SubmissionReport {
     std::string state; ///< a phase, "accepted" of a detached job, "dry_run", "skipped"

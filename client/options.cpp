@@ -127,17 +127,18 @@ void EncodingArguments::add_to(CLI::App& app) {
     app.add_flag("--half", half_, "Colours of an .exr as 16-bit floats, and so half as large");
 }
 
-Result<PictureEncoding> EncodingArguments::read(const std::string& output) const {
+Result<PictureEncoding> EncodingArguments::read(const std::string& output,
+                                                const cli::Origins& origins) const {
     PictureEncoding encoding{transfer_.empty() ? Transfer::raja : transfers.of(transfer_), half_};
     if (output.empty())
         return encoding;
     const auto kind = pixel_kind(output);
     if (!kind)
         return invalid_option(kind.error().message);
-    if (*kind == PixelKind::radiance && !transfer_.empty())
+    if (*kind == PixelKind::radiance && !transfer_.empty() && !origins.is_setting("--transfer"))
         return invalid_option("--transfer " + transfer_ + ": " + output +
                               " holds light itself, not levels; leave it out, or choose .png");
-    if (*kind == PixelKind::levels8 && half_)
+    if (*kind == PixelKind::levels8 && half_ && !origins.is_setting("--half"))
         return invalid_option("--half is for .exr: " + output + " has 8 bits for each colour");
     return encoding;
 }

@@ -66,8 +66,10 @@ class EncodingArguments {
 public:
     /// This must outlive the parsing.
     void add_to(CLI::App& app);
-    /// Errors: the output is of a format that they say nothing to.
-    [[nodiscard]] Result<PictureEncoding> read(const std::string& output) const;
+    /// Errors: the output is of a format that they say nothing to. In a settings file they are for
+    /// the outputs that they fit.
+    [[nodiscard]] Result<PictureEncoding> read(const std::string& output,
+                                               const cli::Origins& origins) const;
 
 private:
     std::string transfer_;

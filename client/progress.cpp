@@ -52,7 +52,7 @@ std::string progress_line(const ProgressView& v) {
     else if (v.worker_count == 0 && !is_over(v.phase))
         line += "  waiting for workers";
     else if (v.worker_count > 0)
-        line += fmt::format("  {} worker{}", v.worker_count, v.worker_count == 1 ? "" : "s");
+        line += "  " + counted(v.worker_count, "worker");
     if (v.rays_per_s > 0)
         line += "  " + format_rate(v.rays_per_s);
     line += "  " + format_duration(v.elapsed);

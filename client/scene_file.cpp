@@ -1,5 +1,6 @@
 #include "client/scene_file.hpp"
 
+#include "common/base/missing_file.hpp"
 #include "common/protocol/content_hash.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/scene/raj_reader.hpp"
@@ -15,12 +16,6 @@ namespace {
 
 constexpr std::size_t looked_at_bytes = 4096; // to tell what is no text
 
-std::string folder_here() {
-    std::error_code error;
-    const auto here = std::filesystem::current_path(error);
-    return error ? "this folder" : here.string();
-}
-
 /// Pictures, programs, archives: no text has a zero.
 bool is_binary(const Blob& text) {
     const std::string_view start = as_text(text).substr(0, looked_at_bytes);
@@ -34,8 +29,7 @@ Result<Bytes> read_bytes(const std::filesystem::path& path, std::uint64_t bytes_
                                                     "scenes/cone.raj"};
     std::ifstream file(path, std::ios::binary);
     if (!file && errno == ENOENT)
-        return Error{ErrorCode::io, path.string() + ": there is no such file" +
-                                        (path.is_relative() ? " in " + folder_here() : "")};
+        return Error{ErrorCode::io, missing_file(path)};
     if (!file)
         return Error{ErrorCode::io, path.string() + ": " + std::strerror(errno)};
     Bytes bytes;

@@ -25,11 +25,4 @@ void Screen::draw(const std::vector<std::string>& lines) {
     outlet_.put(text + "\x1b[J\x1b[?2026l");
 }
 
-bool Screen::was_left() {
-    bool left = false;
-    while (const auto key = keys_ ? keys_->read() : std::nullopt)
-        left = left || *key == 'q' || *key == 'Q';
-    return left;
-}
-
 } // namespace fraja::client

@@ -22,7 +22,7 @@ public:
     /// Shows these lines and nothing else: not more than the window has, none wider.
     void draw(const std::vector<std::string>& lines);
     /// Whether `q` was pressed since this was asked.
-    [[nodiscard]] bool was_left();
+    [[nodiscard]] bool was_left() const { return keys_ && keys_->has_left(); }
     /// Keys can be waited for at stdin.
     [[nodiscard]] bool has_keys() const { return keys_.has_value(); }
 

@@ -3,6 +3,7 @@
 #include "client/json.hpp"
 #include "client/live_preview.hpp"
 #include "client/local/local_farm.hpp"
+#include "client/notices.hpp"
 #include "client/picture.hpp"
 #include "client/progress_report.hpp"
 #include "client/scene_file.hpp"
@@ -41,7 +42,8 @@ public:
           preview_(console, options.preview == PreviewMode::none
                                 ? PreviewMode::none
                                 : LivePreview::chosen(options.preview, console)),
-          progress_(console, ProgressReport::chosen(options.shared.progress, console), net::now()),
+          mode_(ProgressReport::chosen(options.shared.progress, console)),
+          progress_(console, mode_, net::now()), wait_(console, mode_),
           give_up_at_(net::now() + options.shared.connect_timeout) {}
 
     void hear(Instant now, const News& news) override {
@@ -49,8 +51,8 @@ public:
     }
     Instant tick(Instant now) override {
         const Instant redraw =
-            std::min(progress_.tick(now),
-                     picture_ ? preview_.tick(now, picture_->film()) : Instant::never());
+            std::min({wait_.tick(now), progress_.tick(now),
+                      picture_ ? preview_.tick(now, picture_->film()) : Instant::never()});
         gave_up_ = waits_for_workers() && now >= give_up_at_;
         return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
                          farm_ ? now + farm_look_pause : Instant::never()});
@@ -74,6 +76,8 @@ public:
     }
     /// Its own, which outlives the conversation.
     void set_farm(const LocalFarm& farm) { farm_ = &farm; }
+    /// The id of what is submitted: a job that is taken over has another.
+    void set_submitted(JobId job) { submitted_ = job; }
 
     [[nodiscard]] const std::optional<protocol::JobState>& job() const { return job_; }
     [[nodiscard]] const std::optional<Picture>& picture() const { return picture_; }
@@ -81,18 +85,20 @@ public:
     [[nodiscard]] const std::string& broker() const { return broker_; }
 
 private:
-    void take(Instant, const Accepted& news) {
+    void take(Instant now, const Accepted& news) {
         if (job_)
             console_.warning("the broker had lost the job: submitted again");
         else if (!options_.own_farm() && !options_.detach)
             console_.info(fmt::format("{} #{}: job {} at {}", news.state.job_name,
                                       news.state.number, fraja::to_string(news.state.job),
                                       broker_));
+        if (options_.resume && !job_)
+            tell_resumed(console_, mode_, news.state, submitted_);
         job_ = news.state;
         if (options_.detach)
             return;
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
-        progress_.update(news.state);
+        update(now, news.state);
     }
     void take(Instant, const TileArrived& news) {
         picture_->place(news.tile, news.cell_count);
@@ -100,10 +106,10 @@ private:
         worker_seen_ = true;
         workers_.insert(news.tile.worker_name);
     }
-    void take(Instant, const StateChanged& news) {
+    void take(Instant now, const StateChanged& news) {
         job_ = news.state;
         worker_seen_ = worker_seen_ || news.state.worker_count > 0;
-        progress_.update(news.state);
+        update(now, news.state);
     }
     void take(Instant, const ConnectionChanged& news) {
         if (!news.connected)
@@ -116,6 +122,14 @@ private:
     void take(Instant, const FarmChanged&) {}
     void take(Instant, const Finished&) {}
 
+    void update(Instant now, const protocol::JobState& state) {
+        progress_.update(state);
+        if (!options_.local) // whose worker is on its way
+            wait_.update(now, state,
+                         options_.direct.empty()
+                             ? worker_cure(broker_)
+                             : "none answers yet at " + joined(options_.direct));
+    }
     /// Of those that --direct names, none has been given a tile yet.
     [[nodiscard]] bool waits_for_workers() const {
         return !options_.direct.empty() && !worker_seen_;
@@ -124,10 +138,13 @@ private:
     const SubmitOptions& options_;
     Console& console_;
     LivePreview preview_;
+    ProgressMode mode_;
     ProgressReport progress_;
+    WaitNotice wait_;
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;
     const LocalFarm* farm_ = nullptr;
+    JobId submitted_;
     std::optional<protocol::JobState> job_;
     std::optional<Picture> picture_;
     std::set<std::string> workers_;
@@ -137,7 +154,8 @@ private:
 class SubmitProgram {
 public:
     SubmitProgram(const SubmitOptions& options, const net::SignalWatch* signals)
-        : options_(options), signals_(signals), console_(options.shared.console) {
+        : options_(options), signals_(signals), console_(options.shared.console),
+          mode_(ProgressReport::chosen(options.shared.progress, console_)) {
         report_.started = std::chrono::system_clock::now();
         started_ = net::now();
         report_.job_name = options.job_name;
@@ -198,8 +216,8 @@ private:
 
     void print_plan() const {
         const protocol::PictureSettings& s = options_.settings;
-        fmt::print("scene     {} ({} bytes, {})\n", options_.scene_file, scene_.text.size(),
-                   fraja::to_string(scene_.hash));
+        fmt::print("scene     {} ({}, {})\n", options_.scene_file,
+                   counted(scene_.text.size(), "byte"), fraja::to_string(scene_.hash));
         fmt::print("picture   {}x{}", s.size.width, s.size.height);
         if (s.crop.pixel_count() != s.size.pixel_count())
             fmt::print(", of it {},{},{},{}", s.crop.x, s.crop.y, s.crop.width, s.crop.height);
@@ -233,7 +251,12 @@ private:
             request.session.connect_timeout = LocalFarm::answers_within;
             listener.set_farm(*farm);
         }
-        return run_submission(context, std::move(request), listener, signals_);
+        listener.set_submitted(request.job.job);
+        if (options_.own_farm())
+            return run_submission(context, std::move(request), listener, signals_);
+        SearchingListener searching(listener,
+                                    {console_, mode_, options_.shared.brokers, net::now()});
+        return run_submission(context, std::move(request), searching, signals_);
     }
 
     int conclude(const SubmitListener& listener, Outcome outcome) {
@@ -277,12 +300,28 @@ private:
             return {ExitCode::job_failed, written.error().message};
         }
         report_.output = options_.output;
+        tell(console_, mode_, "wrote", "wrote " + options_.output);
+        say_what_ended_it();
         if (const auto& e = report_.estimate; e && e->pixels_at_ceiling > 0)
             console_.warning(
-                fmt::format("--error {} is not reached in {} of {} pixels: they have --max-samples",
+                fmt::format("--error {} is not reached in {} of {}: they have --max-samples",
                             options_.settings.error, e->pixels_at_ceiling,
-                            options_.settings.crop.pixel_count()));
+                            counted(options_.settings.crop.pixel_count(), "pixel")));
         return {};
+    }
+
+    /// A time limit that was not used up.
+    void say_what_ended_it() {
+        const protocol::JobState& job = report_.job;
+        const Duration limit = options_.settings.time_limit;
+        if (!options_.settings.limited_in_time() || job.done_count < job.cell_count ||
+            job.elapsed >= limit || !report_.estimate)
+            return;
+        tell(console_, mode_, "ended_early",
+             fmt::format("ended after {:.1f} of {:.1f} s: each pixel has its {:.0f} samples, and "
+                         "--max-samples {} lets it have no more",
+                         seconds(job.elapsed), seconds(limit), report_.estimate->samples,
+                         options_.settings.max_samples));
     }
 
     void save_unfinished(const SubmitListener& listener) {
@@ -367,6 +406,7 @@ private:
     const SubmitOptions& options_;
     const net::SignalWatch* signals_;
     Console console_;
+    ProgressMode mode_;
     SceneFile scene_;
     SubmissionReport report_;
     Instant started_{}; // by a clock that nobody sets

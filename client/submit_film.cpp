@@ -5,6 +5,7 @@
 #include "client/frames.hpp"
 #include "client/json.hpp"
 #include "client/local/local_farm.hpp"
+#include "client/notices.hpp"
 #include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "client/progress_report.hpp"
@@ -44,8 +45,10 @@ struct Shared {
 struct FrameState {
     std::uint32_t number = 0;
     std::string output;
+    bool told_resumed = false;
     // guarded by Shared::mutex
-    std::optional<protocol::JobState> job;
+    JobId submitted; ///< a job that is taken over has another id
+    std::optional<protocol::JobState> job, accepted;
     std::string broker;
     bool connected = true;          ///< not known to be without the broker
     std::optional<Outcome> outcome; ///< it is over
@@ -70,6 +73,10 @@ private:
     void take(const Accepted& news) {
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
         note(news.state);
+        {
+            const std::lock_guard lock(shared_.mutex);
+            state_.accepted = news.state;
+        }
         shared_.changed.notify_one();
     }
     void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }
@@ -95,8 +102,8 @@ class FilmProgram {
 public:
     FilmProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console),
-          progress_(console_, ProgressReport::chosen(options.shared.progress, console_),
-                    options.job_name, film_, net::now()) {
+          mode_(ProgressReport::chosen(options.shared.progress, console_)),
+          progress_(console_, mode_, options.job_name, film_, net::now()), wait_(console_, mode_) {
         report_.started = std::chrono::system_clock::now();
         report_.film = film_;
         report_.job_name = options.job_name;
@@ -140,8 +147,9 @@ private:
         scenes_ = *std::move(scenes);
         const FrameRange range = options_.frames.value_or(FrameRange{1, scenes_->frame_count(), 1});
         if (range.last > scenes_->frame_count())
-            return said(fmt::format("--frames: {} has {} cameras, so there is no frame {}",
-                                    options_.travel_file, scenes_->frame_count(), range.last));
+            return said(fmt::format("--frames: {} has {}, so there is no frame {}",
+                                    options_.travel_file, counted(scenes_->frame_count(), "camera"),
+                                    range.last));
         for (std::uint64_t n = range.first; n <= range.last; n += range.step) {
             const auto number = static_cast<std::uint32_t>(n);
             FilmReport::Frame& frame = report_.frames.emplace_back();
@@ -176,8 +184,8 @@ private:
     }
 
     void print_plan() const {
-        fmt::print("scene     {}\ntravel    {} ({} cameras)\n", options_.scene_file,
-                   options_.travel_file, scenes_->frame_count());
+        fmt::print("scene     {}\ntravel    {} ({})\n", options_.scene_file, options_.travel_file,
+                   counted(scenes_->frame_count(), "camera"));
         fmt::print("frames    {} to render, {} skipped\n", waiting_.size(),
                    report_.frames.size() - waiting_.size());
         fmt::print("settings  {}\n", settings_text(options_.settings));
@@ -197,6 +205,7 @@ private:
             session_.brokers = {farm_->endpoint()};
             session_.connect_timeout = LocalFarm::answers_within;
         }
+        search_.emplace(console_, mode_, session_.brokers, net::now());
         const Instant times_out =
             options_.timeout ? net::now() + *options_.timeout : Instant::never();
         std::optional<Outcome> leaving;
@@ -213,7 +222,12 @@ private:
                 shared_.changed.wait_for(lock, look_around);
             }
             gather();
-            show_progress();
+            if (broker_.empty() && !farm_) {
+                search_->tick(net::now());
+            } else {
+                search_->end();
+                show_progress();
+            }
             if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
                 leaving = outcome_of(*signal);
             else if (net::now() >= times_out)
@@ -221,6 +235,7 @@ private:
             else if (auto fault = farm_ ? farm_->fault() : std::nullopt)
                 leaving = Outcome{ExitCode::job_failed, *std::move(fault)};
         }
+        search_->end();
         if (!leaving)
             return summary();
         leave(*leaving, next);
@@ -264,6 +279,10 @@ private:
                                   .timeout = std::nullopt};
         request.job.wishes.film = report_.film;
         request.job.wishes.frame = state.number;
+        {
+            const std::lock_guard lock(shared_.mutex);
+            state.submitted = request.job.job;
+        }
         FrameListener listener(shared_, state);
         Outcome outcome = run_submission(context_, std::move(request), listener, nullptr);
         if (outcome.code != ExitCode::done)
@@ -281,11 +300,18 @@ private:
         std::vector<std::size_t> over;
         {
             const std::lock_guard lock(shared_.mutex);
+            if (!running_.empty() && !farm_)
+                if (const auto& job = running_.begin()->second.state->job)
+                    wait_.update(net::now(), *job, worker_cure(broker_));
             for (const auto& [index, one] : running_) {
                 connected = connected && one.state->connected;
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
                 accepted_ = accepted_ || one.state->job;
+                const auto& accepted = one.state->accepted;
+                if (accepted && accepted->job != one.state->submitted &&
+                    !std::exchange(one.state->told_resumed, true))
+                    tell_resumed(console_, mode_, *accepted, one.state->submitted);
                 if (one.state->outcome)
                     over.push_back(index);
             }
@@ -330,6 +356,7 @@ private:
     }
 
     void show_progress() {
+        wait_.tick(net::now());
         FilmMoment moment{.frame_count = waiting_.size(),
                           .written = done_,
                           .given_up = failures_.size(),
@@ -348,16 +375,31 @@ private:
         progress_.update(net::now(), moment);
     }
 
+    void say_what_was_written() {
+        std::vector<std::string> written;
+        for (const FilmReport::Frame& frame : report_.frames)
+            if (!frame.output.empty())
+                written.push_back(frame.output);
+        if (written.size() == 1)
+            tell(console_, mode_, "wrote", "wrote " + written.front());
+        else if (!written.empty())
+            tell(console_, mode_, "wrote",
+                 fmt::format("wrote {}: {} ... {}", counted(written.size(), "frame"),
+                             written.front(), written.back()));
+    }
+
     Outcome summary() {
+        console_.end_redraw();
+        say_what_was_written();
         if (gives_up_)
             return *gives_up_;
         if (failures_.empty())
             return {};
         const bool cancelled = std::ranges::all_of(
             failures_, [](const Outcome& o) { return o.code == ExitCode::cancelled; });
-        return {
-            cancelled ? ExitCode::cancelled : ExitCode::job_failed,
-            said(fmt::format("{} of {} frames are not drawn", failures_.size(), waiting_.size()))};
+        return {cancelled ? ExitCode::cancelled : ExitCode::job_failed,
+                said(fmt::format("{} of {} not drawn", failures_.size(),
+                                 counted(waiting_.size(), "frame")))};
     }
 
     /// Jobs go on, where there is a farm; frames that were not submitted yet are not.
@@ -384,18 +426,18 @@ private:
         }
         running_.clear();
         console_.end_redraw();
-        console_.line(fmt::format(
-            "fraja-submit: {}; of {} frames {} are written, {} were not begun. To go on, the same "
-            "command with --skip-existing{}",
-            outcome.reason, waiting_.size(), done_, waiting_.size() - begun,
-            options_.local ? "" : " --resume"));
+        console_.line(
+            fmt::format("fraja-submit: {}; of {} {} written, {} not begun. To go on, the same "
+                        "command with --skip-existing{}",
+                        outcome.reason, counted(waiting_.size(), "frame"), done_,
+                        waiting_.size() - begun, options_.local ? "" : " --resume"));
         if (options_.local || going_on == 0)
             return;
-        console_.line(fmt::format("  {} frame(s) go on\n"
+        console_.line(fmt::format("  going on:     {}\n"
                                   "  watch them:   fraja-watch -b {}\n"
                                   "  cancel them:  for job in{}; do fraja-ctl -b {} cancel --yes "
                                   "$job; done",
-                                  going_on, broker_, ids, broker_));
+                                  counted(going_on, "frame"), broker_, ids, broker_));
     }
 
     int end(Outcome outcome) {
@@ -409,8 +451,11 @@ private:
     const SubmitOptions& options_;
     const net::SignalWatch* signals_;
     Console console_;
+    const ProgressMode mode_;
     const FilmId film_ = random_id<FilmId>();
     FilmProgress progress_;
+    WaitNotice wait_;
+    std::optional<SearchNotice> search_; ///< while frames are rendered
     FilmReport report_;
     std::optional<FilmScenes> scenes_;
     SessionOptions session_;

@@ -48,6 +48,25 @@ struct Arguments {
     CLI::Option *max_samples = nullptr, *broker = nullptr;
     std::vector<std::string> direct;
     bool overwrite = false;
+    /// What a settings file wishes for all jobs gives way to what is typed for this one.
+    cli::Origins origins{{{"--overwrite", "--skip-existing"},
+                          {"--detach", "--local"},
+                          {"--detach", "--direct"},
+                          {"--detach", "--output"},
+                          {"--detach", "--wait"},
+                          {"--detach", "--stats"},
+                          {"--detach", "--skip-existing"},
+                          {"--detach", "--preview"},
+                          {"--resume", "--local"},
+                          {"--resume", "--direct"},
+                          {"--resume", "--time-limit"},
+                          {"--local", "--direct"},
+                          {"--layers", "--time-limit"},
+                          {"--schedule", "--time-limit"},
+                          {"--travel", "--time-limit"},
+                          {"--travel", "--schedule"},
+                          {"--travel", "--stats"},
+                          {"--travel", "--preview"}}};
 };
 
 void add_picture_options(CLI::App& app, Arguments& a) {
@@ -188,8 +207,23 @@ std::string stem_of(const std::string& file) {
     return stem.empty() ? "scene" : stem;
 }
 
+/// Settings that are for other jobs than this one.
+void pass_over_settings(Arguments& a) {
+    protocol::PictureSettings& s = a.options.settings;
+    const bool estimated = s.error > 0 || !a.time_limit.empty();
+    if (!estimated && a.origins.is_setting("--max-samples")) {
+        a.max_samples->clear();
+        s.max_samples = protocol::PictureSettings().max_samples;
+    }
+    if (!estimated && s.spp == 0 && a.origins.is_setting("--filter"))
+        a.filter = "box";
+    if (!a.options.local && a.origins.is_setting("--threads"))
+        a.options.local_threads = 0;
+}
+
 Result<void> read_picture(Arguments& a) {
     protocol::PictureSettings& s = a.options.settings;
+    pass_over_settings(a);
     if (!a.size.empty()) {
         const auto size = parse_extent(a.size);
         if (!size)
@@ -341,13 +375,16 @@ Result<void> read_encoding(Arguments& a) {
     SubmitOptions& o = a.options;
     if (o.detach)
         return {};
-    auto encoding = a.encoding.read(o.output);
+    auto encoding = a.encoding.read(o.output, a.origins);
     if (!encoding)
         return encoding.error();
     o.encoding = *encoding;
     if (const auto kind = pixel_kind(o.output);
-        o.settings.layers && kind && *kind == PixelKind::levels8)
+        o.settings.layers && kind && *kind == PixelKind::levels8) {
+        if (a.origins.is_setting("--layers"))
+            return o.settings.layers = false, Result<void>();
         return invalid_option("--layers are for .exr: " + o.output + " holds colours alone");
+    }
     return {};
 }
 
@@ -403,15 +440,15 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
     complete_preview(arguments);
-    if (auto early = cli::parse(app, std::move(arguments)))
+    if (auto early = cli::parse(app, std::move(arguments), a.origins))
         return *early;
     for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names,
                             read_film, read_encoding})
         if (const auto good = read(a); !good)
-            return cli::usage_error(submit_name, good.error().message);
+            return cli::usage_error(submit_name, a.origins.blame(good.error().message));
     auto shared = a.shared.read();
     if (!shared)
-        return cli::usage_error(submit_name, shared.error().message);
+        return cli::usage_error(submit_name, a.origins.blame(shared.error().message));
     a.options.shared = *std::move(shared);
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;

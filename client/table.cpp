@@ -121,17 +121,17 @@ std::string brokers_table(const std::vector<AskedBroker>& brokers) {
 std::string stats_page(const protocol::FarmState& farm) {
     const protocol::BrokerState& b = farm.broker;
     const double up = std::max(seconds(b.uptime), 1e-9);
-    std::string text =
-        fmt::format("broker            {}, version {}, up {}\n"
-                    "jobs              {} known, {} with tiles to give\n"
-                    "jobs over         {} done, {} failed, {} cancelled\n"
-                    "workers           {} with {} threads; {} lost\n"
-                    "tiles             {} done, {} in flight\n"
-                    "tiles again       {} requeued, {} failed, {} overbooked\n",
-                    fraja::to_string(b.broker), printable(b.program_version),
-                    format_duration(b.uptime), b.jobs, b.jobs_ready, b.jobs_done, b.jobs_failed,
-                    b.jobs_cancelled, b.workers, b.threads, b.workers_lost, b.tiles_done,
-                    b.tiles_in_flight, b.tiles_requeued, b.tiles_failed, b.tiles_overbooked);
+    std::string text = fmt::format(
+        "broker            {}, version {}, up {}\n"
+        "jobs              {} known, {} with tiles to give\n"
+        "jobs over         {} done, {} failed, {} cancelled\n"
+        "workers           {} with {}; {} lost\n"
+        "tiles             {} done, {} in flight\n"
+        "tiles again       {} requeued, {} failed, {} overbooked\n",
+        fraja::to_string(b.broker), printable(b.program_version), format_duration(b.uptime), b.jobs,
+        b.jobs_ready, b.jobs_done, b.jobs_failed, b.jobs_cancelled, b.workers,
+        counted(b.threads, "thread"), b.workers_lost, b.tiles_done, b.tiles_in_flight,
+        b.tiles_requeued, b.tiles_failed, b.tiles_overbooked);
     text += fmt::format("rays              {} ({} camera, {} reflected, {} refracted, {} shadow)\n"
                         "speed             {}, mean since the broker started\n"
                         "render time       {:.3f} s (summed over render threads)\n",
@@ -165,11 +165,11 @@ std::string job_page(const protocol::JobState& s) {
         text += fmt::format(", of it {},{},{},{}", p.crop.x, p.crop.y, p.crop.width, p.crop.height);
     text += fmt::format("\nsettings  {}\n", settings_text(p));
     text += fmt::format("priority  {}\n", s.priority);
-    text +=
-        fmt::format("done      {} of {} cells of {}x{} pixels, {:.1f}% of the work; {} tile(s) in "
-                    "flight at {} worker(s)\n",
-                    s.done_count, s.cell_count, s.cell_side, s.cell_side, 100 * s.share_done,
-                    s.in_flight_count, s.worker_count);
+    text += fmt::format("done      {} of {} of {}x{} pixels, {:.1f}% of the work; {} in "
+                        "flight at {}\n",
+                        s.done_count, counted(s.cell_count, "cell"), s.cell_side, s.cell_side,
+                        100 * s.share_done, counted(s.in_flight_count, "tile"),
+                        counted(s.worker_count, "worker"));
     text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",
                         s.rays.total(), s.rays.camera, s.rays.reflected, s.rays.refracted,
                         s.rays.shadow);
@@ -203,9 +203,9 @@ std::string counts_page(const protocol::JobState& s) {
                     "pixels truncated  {}\n",
                     r.box_tests, r.form_tests, r.shaded, r.skipped_pixels, r.truncated_pixels);
     if (r.truncated_pixels > 0)
-        text += fmt::format("In {} pixel(s) a sample ran out of its budget of rays, and what was "
+        text += fmt::format("In {} a sample ran out of its budget of rays, and what was "
                             "left of it stayed black; a lower --depth avoids that.\n",
-                            r.truncated_pixels);
+                            counted(r.truncated_pixels, "pixel"));
     return text;
 }
 

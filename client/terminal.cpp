@@ -84,6 +84,13 @@ std::optional<char> RawKeys::read() const {
     return ::read(STDIN_FILENO, &key, 1) == 1 ? std::optional(key) : std::nullopt;
 }
 
+bool RawKeys::has_left() const {
+    bool left = false;
+    while (const auto key = read())
+        left = left || *key == 'q' || *key == 'Q';
+    return left;
+}
+
 bool names_sixel(std::string_view answer) {
     const auto begin = answer.find("\x1b[?"), end = answer.find('c', begin);
     return begin != std::string_view::npos &&

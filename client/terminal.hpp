@@ -25,6 +25,8 @@ public:
 
     /// The next byte, if there is one. Never waits.
     [[nodiscard]] std::optional<char> read() const;
+    /// Whether `q` was pressed since this was asked. Takes all keys there are.
+    [[nodiscard]] bool has_left() const;
 
 private:
     struct Before;

@@ -2,7 +2,9 @@
 
 #include "client/farm_screen.hpp"
 #include "client/json.hpp"
+#include "client/notices.hpp"
 #include "client/outlet.hpp"
+#include "client/progress_report.hpp"
 #include "client/screen.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
@@ -119,8 +121,14 @@ int watch_farm(const WatchOptions& options, Console& console, const net::SignalW
     FarmListener listener(options, console);
     const net::Context context;
     FarmWatching watching(session_options(options.shared));
+    // The table says itself whom it looks for.
+    SearchingListener searching(
+        listener, {console,
+                   fills_screen(options) ? ProgressMode::none
+                                         : ProgressReport::chosen(options.shared.progress, console),
+                   options.shared.brokers, net::now()});
     const Outcome outcome =
-        listener.finish(converse(context, watching, listener, signals), signals);
+        listener.finish(converse(context, watching, searching, signals), signals);
     if (outcome.code == ExitCode::unreachable || outcome.code == ExitCode::refused)
         console.error(outcome.reason);
     return static_cast<int>(console.checked(outcome.code, listener.has_lost_output()));

@@ -1,7 +1,9 @@
 #include "client/watch_job.hpp"
 
+#include "client/farm_names.hpp"
 #include "client/json.hpp"
 #include "client/live_preview.hpp"
+#include "client/notices.hpp"
 #include "client/outlet.hpp"
 #include "client/picture.hpp"
 #include "client/progress_report.hpp"
@@ -51,16 +53,20 @@ public:
         : options_(options), console_(console), preview_(console, preview_mode(options, console)),
           progress_(console, progress_mode(options.shared.progress, console, preview_.is_on()),
                     net::now()),
-          tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()) {}
+          wait_(console, ProgressReport::chosen(options.shared.progress, console)),
+          tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()),
+          keys_(lines_on_terminal() ? RawKeys::take() : std::nullopt) {}
 
     void hear(Instant, const News& news) override {
         std::visit([this](const auto& n) { take(n); }, news);
     }
     Instant tick(Instant now) override {
+        left_ = keys_ && keys_->has_left();
         outlet_.pump();
+        const Instant waited = wait_.tick(now);
         if (auto notice = tev_ ? tev_->take_notice() : std::nullopt)
             notice->good ? console_.info(notice->text) : console_.warning(notice->text);
-        const Instant next = progress_.tick(now);
+        const Instant next = std::min(waited, progress_.tick(now));
         if (!picture_ || failure_)
             return next;
         const Instant redraw = preview_.tick(now, picture_->film());
@@ -72,17 +78,26 @@ public:
     void wait_also(std::vector<net::Waitable>& all) const override {
         if (!outlet_.is_empty())
             all.push_back(net::Waitable::writable(outlet_.fd()));
+        if (keys_)
+            all.emplace_back(STDIN_FILENO);
     }
-    std::optional<Outcome> wants_to_leave() override { return failure_; }
+    std::optional<Outcome> wants_to_leave() override {
+        return left_ && !failure_ ? std::optional(Outcome{}) : failure_;
+    }
 
     Outcome finish(Instant now, Outcome outcome, const net::SignalWatch* signals) {
+        keys_.reset();
         if (picture_)
             preview_.finish(picture_->film());
         progress_.finish(now);
         console_.end_redraw();
-        if (picture_ && !failure_)
+        if (picture_ && !failure_) {
             if (const auto written = file_.finish(*picture_); !written)
                 fail(written.error());
+            else if (!options_.output.empty() && picture_->pixels_placed() > 0)
+                tell(console_, ProgressReport::chosen(options_.shared.progress, console_), "wrote",
+                     "wrote " + options_.output);
+        }
         if (failure_)
             return *failure_;
         if (outcome.code == ExitCode::interrupted || outcome.code == ExitCode::terminated)
@@ -104,7 +119,7 @@ private:
         if (tev_)
             tev_->begin(fmt::format("{} #{}", news.state.job_name, news.state.number),
                         picture_->film());
-        progress_.update(news.state);
+        update(news.state);
         show_phase(news.state);
     }
     void take(const TileArrived& news) {
@@ -121,7 +136,7 @@ private:
     }
     void take(const StateChanged& news) {
         file_.update(news.state);
-        progress_.update(news.state);
+        update(news.state);
         if (news.state.phase != phase_)
             show_phase(news.state);
     }
@@ -131,20 +146,25 @@ private:
         else if (lost_)
             console_.info("found the broker at " + news.broker + " again");
         lost_ = !news.connected;
+        broker_ = news.broker;
         progress_.set_connected(news.connected);
     }
     void take(const FarmChanged&) {}
     void take(const Finished&) {}
 
+    void update(const protocol::JobState& state) {
+        progress_.update(state);
+        wait_.update(net::now(), state, worker_cure(broker_));
+    }
     void print(const std::string& line) { outlet_.put(line + "\n"); }
     void show_phase(const protocol::JobState& state) {
         phase_ = state.phase;
         if (options_.shared.json)
             print(job_json(state));
         else
-            console_.info(fmt::format("{} #{} is {}{}{}", state.job_name, state.number,
-                                      to_string(state.phase), state.reason.empty() ? "" : ": ",
-                                      state.reason));
+            console_.info(fmt::format(
+                "{} #{} is {}{}", state.job_name, state.number, to_string(state.phase),
+                is_over(state.phase) && !state.reason.empty() ? ": " + state.reason : ""));
     }
     void fail(const Error& error) {
         console_.error(error.message);
@@ -155,13 +175,17 @@ private:
     Console& console_;
     LivePreview preview_;
     ProgressReport progress_;
+    WaitNotice wait_;
     std::unique_ptr<tev::Feed> tev_;
     bool shows_lines_;
+    std::optional<RawKeys> keys_; ///< not in a pipe: there they are its reader's
+    bool left_ = false;           ///< by a key
     Outlet outlet_;
     std::optional<Picture> picture_; ///< where somebody wants to see it
     PictureFile file_;
     std::optional<protocol::JobPhase> phase_;
     std::optional<Outcome> failure_;
+    std::string broker_;
     bool lost_ = false;
 };
 
@@ -193,17 +217,22 @@ int watch_job(const WatchOptions& options, Console& console, const net::SignalWa
     if (!tev)
         return refuse(tev.error());
     JobListener listener(options, console, *std::move(tev));
+    SearchingListener searching(listener,
+                                {console, ProgressReport::chosen(options.shared.progress, console),
+                                 options.shared.brokers, net::now()});
     const net::Context context;
     JobWatching watching({*options.job, session_options(options.shared), options.until},
                          fresh_rng());
     const Outcome outcome =
-        listener.finish(net::now(), converse(context, watching, listener, signals), signals);
+        listener.finish(net::now(), converse(context, watching, searching, signals), signals);
     const bool of_job = outcome.code == ExitCode::job_failed || outcome.code == ExitCode::cancelled;
     const bool said = outcome.code == ExitCode::interrupted ||
                       outcome.code == ExitCode::terminated ||
                       (of_job && !options.shared.json); // with its state
+    const bool unknown = outcome.code == ExitCode::no_such_job && !watching.follower();
     if (outcome.code != ExitCode::done && !said)
-        console.error(outcome.reason);
+        console.error(outcome.reason +
+                      (unknown ? meant_in_farm(options.shared, "JOB", *options.job) : ""));
     return static_cast<int>(console.checked(outcome.code, listener.has_lost_output()));
 }
 

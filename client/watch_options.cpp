@@ -22,7 +22,7 @@ constexpr const char* watch_examples = R"(Examples:
 
 A JOB is an id, the beginning of one, a name (its newest job) or #N; '' is the newest. It may be
 joined at any time: every tile is shown exactly once, or on a terminal the picture as it grows
-(--preview none: the tiles). The exit code is the job's. The table is left by q or Ctrl-C.
+(--preview none: the tiles). The exit code is the job's, or 0 where one left by q, 130 by Ctrl-C.
 )";
 
 /// --tev may stand alone: then the word behind it, if it is no HOST:PORT, is none of its own.
@@ -84,39 +84,44 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         ->type_name("FILE");
     shared.add_to(app, watch_name);
     complete_tev(arguments);
-    if (auto early = cli::parse(app, std::move(arguments), farm_name_source(shared)))
+    cli::Origins origins({{"--serve", "--output"},
+                          {"--serve", "--until"},
+                          {"--serve", "--once"},
+                          {"--serve", "--json"}});
+    const auto mistake = [&](const std::string& text) {
+        return cli::usage_error(watch_name, origins.blame(text));
+    };
+    if (auto early = cli::parse(app, std::move(arguments), origins, farm_name_source(shared)))
         return *early;
     auto read = shared.read();
     if (!read)
-        return cli::usage_error(watch_name, read.error().message);
+        return mistake(read.error().message);
     options.shared = *std::move(read);
     if (!until.empty()) {
         const auto share = parse_until(until);
         if (!share)
-            return cli::usage_error(watch_name,
-                                    "--until " + until + ": done, first, or a share as 50%");
+            return mistake("--until " + until + ": done, first, or a share as 50%");
         options.until.share = *share;
     }
     options.preview = preview.read();
     if (!options.job && (!options.output.empty() || !until.empty() || options.tev))
-        return cli::usage_error(watch_name, "--output, --until and --tev need a JOB");
+        return mistake("--output, --until and --tev need a JOB");
     if (!options.job && options.preview != PreviewMode::automatic &&
         options.preview != PreviewMode::none)
-        return cli::usage_error(watch_name, "--preview needs a JOB");
+        return mistake("--preview needs a JOB");
     if (serves->count() > 0) {
         if (!options.output.empty() || !until.empty() || options.until.once || options.shared.json)
-            return cli::usage_error(watch_name,
-                                    "--serve shows all there is in a browser: it goes with "
-                                    "no --output, --until, --once or --json");
+            return mistake("--serve shows all there is in a browser: it goes with "
+                           "no --output, --until, --once or --json");
         options.serve = std::move(serve);
     } else if (serve.allow_control) {
-        return cli::usage_error(watch_name, "--allow-control needs --serve");
+        return mistake("--allow-control needs --serve");
     }
     if (options.job && options.job->size() > protocol::string_bytes_max)
-        return cli::usage_error(watch_name, "that is no JOB: it is too long");
-    const auto how = encoding.read(options.output);
+        return mistake("that is no JOB: it is too long");
+    const auto how = encoding.read(options.output, origins);
     if (!how)
-        return cli::usage_error(watch_name, how.error().message);
+        return mistake(how.error().message);
     options.encoding = *how;
     return options;
 }

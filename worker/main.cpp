@@ -196,14 +196,16 @@ int exit_code(worker::FinishReason reason, int last_signal) {
 
 std::string opening_line(const worker::WorkerOptions& options, const std::string& isa) {
     if (options.emulated.empty())
-        return fmt::format("'{}' serves with {} threads on {}", options.name, options.threads, isa);
+        return fmt::format("'{}' serves with {} on {}", options.name,
+                           counted(options.threads, "thread"), isa);
     std::string speeds;
     for (const worker::EmulatedWorkers& e : options.emulated)
         speeds +=
             fmt::format("{}{} of {:g} rays/s", speeds.empty() ? "" : ", ", e.count, e.rays_per_s);
-    return fmt::format("'{}' EMULATES {} workers ({} and thread) with {} threads each: they answer "
+    return fmt::format("'{}' EMULATES {} ({} and thread) with {} each: they answer "
                        "when it is time, and do not draw (but once for all, on {})",
-                       options.name, worker::emulated_count(options), speeds, options.threads, isa);
+                       options.name, counted(worker::emulated_count(options), "worker"), speeds,
+                       counted(options.threads, "thread"), isa);
 }
 
 /// A process that serves: its worker, its hours, and whoever runs it.
@@ -359,11 +361,12 @@ int main(int argc, char** argv) try {
     arguments.options.name = worker::default_worker_name();
     CLI::App app(examples, program);
     describe(app, arguments);
-    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv)))
+    cli::Origins origins;
+    if (const auto early = cli::parse(app, cli::arguments_of(argc, argv), origins))
         return cli::leave(*early);
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
-        return usage_error(completed.error().message);
+        return usage_error(origins.blame(completed.error().message));
     const auto isa = kernel::instruction_set();
     if (!isa)
         return fail(isa.error().message);

@@ -183,7 +183,7 @@ void Session::begin_draining(Turn& turn, FinishReason reason) {
     } else if (state_ == State::open) {
         state_ = State::draining;
         turn.log(LogLevel::info, "leaving",
-                 "leaving with " + std::to_string(tiles_.size()) + " tiles at hand");
+                 "leaving with " + counted(tiles_.size(), "tile") + " at hand");
         beat(turn); // before anything is handed back, or the broker would replace it
     }
 }

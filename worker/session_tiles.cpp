@@ -102,8 +102,7 @@ void Session::on_message(Turn& turn, const protocol::Chunk& message) {
     }
     scene->stage = Stage::compiling;
     turn.log(LogLevel::debug, "scene_fetched",
-             "fetched " + short_name(message.blob) + ", " + std::to_string(scene->total_bytes) +
-                 " bytes");
+             "fetched " + short_name(message.blob) + ", " + counted(scene->total_bytes, "byte"));
     const auto first = std::ranges::find_if(
         tiles_, [&](const auto& entry) { return entry.second.order.scene == message.blob; });
     FRAJA_ASSERT(first != tiles_.end()); // a scene is fetched only for as long as a tile needs it

@@ -136,6 +136,10 @@ std::string format_duration(Duration d) {
     return std::to_string(m) + ":" + two(s);
 }
 
+std::string counted(std::uint64_t count, std::string_view what) {
+    return std::to_string(count) + " " + std::string(what) + (count == 1 ? "" : "s");
+}
+
 std::optional<std::string_view> nearest_name(std::string_view name,
                                              std::span<const std::string_view> candidates) {
     constexpr std::size_t name_letters_max = 200; // longer ones are no typing slip
@@ -151,6 +155,16 @@ std::optional<std::string_view> nearest_name(std::string_view name,
         }
     }
     return best;
+}
+
+std::optional<std::string_view> meant_name(std::string_view name,
+                                           std::span<const std::string_view> candidates) {
+    constexpr std::size_t telling_letters = 3;
+    if (name.size() < telling_letters)
+        return std::nullopt;
+    const auto begun = std::ranges::find_if(
+        candidates, [&](std::string_view candidate) { return candidate.starts_with(name); });
+    return begun != candidates.end() ? std::optional(*begun) : nearest_name(name, candidates);
 }
 
 std::string printable(std::string_view text) {

@@ -28,10 +28,18 @@ namespace fraja {
 /// "0:42", "12:07", "1:02:03": for progress lines. Negative is shown as 0:00.
 [[nodiscard]] std::string format_duration(Duration d);
 
+/// "1 job", "2 jobs": of words that take an s.
+[[nodiscard]] std::string counted(std::uint64_t count, std::string_view what);
+
 /// The candidate nearest to `name` (Damerau-Levenshtein, ignoring case), if it is near enough to be
 /// what was meant: at most a third of the name's letters differ. Of equals the first.
 [[nodiscard]] std::optional<std::string_view>
 nearest_name(std::string_view name, std::span<const std::string_view> candidates);
+
+/// What was meant by `name`: the first candidate that it begins, or else the nearest_name(). Of up
+/// to two letters nothing can be said.
+[[nodiscard]] std::optional<std::string_view>
+meant_name(std::string_view name, std::span<const std::string_view> candidates);
 
 /// UTF-8 without the bytes that could move a terminal's cursor or make one line two: names and
 /// reasons come from others.

@@ -20,10 +20,8 @@ constexpr const char* no_keys_yet =
 /// fingers.
 std::string meant(const std::string& word, const std::vector<std::string>& names) {
     const std::vector<std::string_view> views(names.begin(), names.end());
-    const auto begun =
-        std::ranges::find_if(views, [&](std::string_view name) { return name.starts_with(word); });
-    const auto near = begun != views.end() ? std::optional(*begun) : nearest_name(word, views);
-    return near && word.size() > 2 ? " (did you mean '" + std::string(*near) + "'?)" : "";
+    const auto name = meant_name(word, views);
+    return name ? " (did you mean '" + std::string(*name) + "'?)" : "";
 }
 
 std::vector<std::string> commands_of(const CLI::App& app) {
@@ -75,12 +73,7 @@ const CLI::Option* option_of(const CLI::App& app, std::string_view what) {
 }
 
 bool was_typed(const OptionCard& card, const std::vector<std::string>& typed) {
-    return card.names.empty() || std::ranges::any_of(typed, [&](const std::string& word) {
-               return std::ranges::any_of(card.names, [&](const std::string& name) {
-                   return name.size() == 2 ? word.starts_with(name)
-                                           : word.substr(0, word.find('=')) == name;
-               });
-           });
+    return card.names.empty() || !card.found_among(typed).empty();
 }
 
 /// "--depth -1", or "FRAJA_DEPTH=-1" where that said it. Of several values the one that CLI11
@@ -94,7 +87,8 @@ std::string as_given(const OptionCard& card, const CLI::Option& option, std::str
     const std::string shown(clipped(value, 200));
     if (!was_typed(card, typed) && !card.variable.empty())
         return card.variable + "=" + shown + " in the environment";
-    return card.names.empty() ? card.value + " '" + shown + "'" : card.name() + " " + shown;
+    return card.names.empty() ? card.value + " '" + shown + "'"
+                              : card.typed_name(typed) + " " + shown;
 }
 
 /// "fraja-ctl prio JOB N"
@@ -119,7 +113,7 @@ std::string of_value(const OptionCard& card, const CLI::Option& option, std::str
     if (!card.range.empty())
         return given + "a number is needed, " + card.range;
     if (!card.takes_value())
-        return card.name() + " takes no value";
+        return card.typed_name(typed) + " takes no value";
     return given + "cannot be read as " + card.value;
 }
 
@@ -141,9 +135,9 @@ std::string mistake(const CLI::App& app, const CLI::ParseError& error,
         return card.name() + " is missing: " + usage_of(app);
     if (is("ArgumentMismatch")) {
         if (what.find("At Most") != std::string::npos)
-            return card.name() + " is given twice";
-        return card.takes_value() ? card.name() + " needs a value: " + card.value
-                                  : card.name() + " takes no value";
+            return card.typed_name(typed) + " is given twice";
+        return card.typed_name(typed) +
+               (card.takes_value() ? " needs a value: " + card.value : " takes no value");
     }
     const std::string other = what.substr(what.rfind(' ') + 1);
     if (is("ExcludesError"))

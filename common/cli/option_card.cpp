@@ -35,6 +35,19 @@ const std::string& OptionCard::name() const {
     return *std::ranges::max_element(names, {}, &std::string::size);
 }
 
+std::string OptionCard::found_among(const std::vector<std::string>& typed) const {
+    for (const std::string& word : typed)
+        for (const std::string& name : names)
+            if (name.size() == 2 ? word.starts_with(name) : word.substr(0, word.find('=')) == name)
+                return name;
+    return {};
+}
+
+std::string OptionCard::typed_name(const std::vector<std::string>& typed) const {
+    const std::string found = found_among(typed);
+    return found.empty() ? name() : found;
+}
+
 bool OptionCard::has_name(std::string_view wanted) const {
     return std::ranges::find(names, wanted) != names.end();
 }

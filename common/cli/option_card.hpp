@@ -25,6 +25,11 @@ struct OptionCard {
 
     /// The longest of the names, or the value.
     [[nodiscard]] const std::string& name() const;
+    /// The name of them that is among `typed`, as a word, with a value behind it or, of a short
+    /// one, grown together with it; where none is, empty.
+    [[nodiscard]] std::string found_among(const std::vector<std::string>& typed) const;
+    /// That, or else name().
+    [[nodiscard]] std::string typed_name(const std::vector<std::string>& typed) const;
     [[nodiscard]] bool takes_value() const { return !value.empty(); }
     [[nodiscard]] bool has_name(std::string_view name) const;
     /// "0 to 1000000", "box or tent"; empty: neither.

@@ -16,7 +16,8 @@ namespace {
 
 /// To shells and to the build.
 std::optional<std::string> answer(CLI::App& app, const std::vector<std::string>& arguments,
-                                  const NameSource& names) {
+                                  Origins& origins, const NameSource& names,
+                                  const std::vector<std::filesystem::path>& files) {
     if (arguments.empty())
         return std::nullopt;
     if (arguments[0] == "--complete")
@@ -25,16 +26,20 @@ std::optional<std::string> answer(CLI::App& app, const std::vector<std::string>&
         return completion_script(arguments[1], std::vector{app.get_name()});
     if (arguments[0] == "--manual" && arguments.size() == 1)
         return manual_sections(app);
+    if (arguments[0] == "--check-settings" && arguments.size() == 1) {
+        const auto taken = take_settings(app, files, origins);
+        return taken ? std::string() : printable(taken.error().message) + "\n";
+    }
     return std::nullopt;
 }
 
 } // namespace
 
-std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments,
+std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments, Origins& origins,
                                const NameSource& names,
                                const std::vector<std::filesystem::path>& files) {
     use_house_help(app);
-    if (auto told = answer(app, arguments, names))
+    if (auto told = answer(app, arguments, origins, names, files))
         return EarlyExit{0, *std::move(told)};
     const std::vector<std::string> typed = arguments;
     std::ranges::reverse(arguments); // as CLI11 wants them
@@ -49,7 +54,8 @@ std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments
     } catch (const CLI::ParseError& e) {
         return usage_error(app.get_name(), mistake(app, e, typed));
     }
-    if (const auto taken = take_settings(app, files); !taken)
+    origins.note_typed(app, typed);
+    if (const auto taken = take_settings(app, files, origins); !taken)
         return usage_error(app.get_name(), taken.error().message);
     return std::nullopt;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "common/cli/completion.hpp"
+#include "common/cli/origins.hpp"
 #include "common/cli/settings.hpp"
 
 #include <filesystem>
@@ -24,12 +25,15 @@ struct EarlyExit {
 };
 
 /// Reads the arguments (without the program's name), and for what is not among them the settings
-/// `files` (take_settings()). Nothing: all is well. `app` has the program's name. Answers also what
+/// `files` (take_settings()); notes in `origins` where options come from. Nothing: all is well.
+/// `app` has the program's name. Answers also what
 /// --help does not show, as it is for shells and the build: --complete WORD... (completions(),
 /// which may ask `names`), --completion SHELL (completion_script() for this program), --manual
-/// (manual_sections()); each as the first argument.
+/// (manual_sections()), --check-settings (what is wrong in the files, a line; nothing: all is
+/// well); each as the first argument.
 [[nodiscard]] std::optional<EarlyExit>
-parse(CLI::App& app, std::vector<std::string> arguments, const NameSource& names = {},
+parse(CLI::App& app, std::vector<std::string> arguments, Origins& origins,
+      const NameSource& names = {},
       const std::vector<std::filesystem::path>& files = settings_files());
 
 /// "fraja-submit: error: ... (fraja-submit --help)", and exit code 2.

@@ -4,7 +4,6 @@
 #include "common/cli/settings_file.hpp"
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstdlib>
 #include <string>
 
@@ -23,20 +22,25 @@ const std::string& name_of(const CLI::Option& option) {
     return option.get_lnames().front();
 }
 
-bool is_excluded(const CLI::Option& option) {
-    return std::ranges::any_of(option.get_excludes(),
-                               [](const CLI::Option* other) { return !other->empty(); });
-}
-
 /// As if it had been typed.
-Result<void> give(const CLI::App& app, CLI::Option& option, const Setting& setting) {
-    if (!option.empty() || !option.get_configurable() || is_excluded(option))
+Result<void> give(const CLI::App& app, const std::filesystem::path& file, CLI::Option& option,
+                  const Setting& setting, Origins& origins) {
+    if (!option.empty() || !option.get_configurable())
         return {};
+    if (const CLI::Option* other = origins.excluder_of(app, option)) {
+        const std::string place = origins.place_of("--" + name_of(*other));
+        if (!place.starts_with(file.string() + ":"))
+            return {}; // what is typed, and an earlier file, go first
+        return Error{ErrorCode::invalid_argument, setting.place + ": " + setting.option + " and " +
+                                                      name_of(*other) + " (" + place +
+                                                      ") exclude each other: give one of them"};
+    }
     try {
         for (const std::string& value : setting.values)
             option.add_result(value);
         if (!setting.values.empty())
             option.run_callback();
+        origins.note_setting(option, setting.place);
         return {};
     } catch (const CLI::ParseError& e) {
         return Error{ErrorCode::invalid_argument,
@@ -61,7 +65,8 @@ std::vector<std::filesystem::path> settings_files() {
     return files;
 }
 
-Result<void> take_settings(CLI::App& app, const std::vector<std::filesystem::path>& files) {
+Result<void> take_settings(CLI::App& app, const std::vector<std::filesystem::path>& files,
+                           Origins& origins) {
     std::vector<std::string> names;
     for (const CLI::Option* option : named_options(app))
         names.push_back(name_of(*option));
@@ -71,7 +76,7 @@ Result<void> take_settings(CLI::App& app, const std::vector<std::filesystem::pat
             return settings.error();
         for (const Setting& setting : *settings) {
             CLI::Option& option = *app.get_option("--" + setting.option);
-            if (const auto given = give(app, option, setting); !given)
+            if (const auto given = give(app, file, option, setting, origins); !given)
                 return given.error();
         }
     }

@@ -2,13 +2,10 @@
 #pragma once
 
 #include "common/base/result.hpp"
+#include "common/cli/origins.hpp"
 
 #include <filesystem>
 #include <vector>
-
-namespace CLI {
-class App;
-}
 
 namespace fraja::cli {
 
@@ -17,9 +14,9 @@ namespace fraja::cli {
 
 /// Gives the app, which has read its command line, what the files say, in their order: of each
 /// option --like-this that was neither typed nor in its environment variable, is configurable(),
-/// and not excluded by one that was given. Errors: as read_settings(); a value that the option
-/// refuses.
-[[nodiscard]] Result<void> take_settings(CLI::App& app,
-                                         const std::vector<std::filesystem::path>& files);
+/// and not excluded by one that was given; and notes them in `origins`. Errors: as read_settings();
+/// a value that the option refuses; two options of one file that exclude each other.
+[[nodiscard]] Result<void>
+take_settings(CLI::App& app, const std::vector<std::filesystem::path>& files, Origins& origins);
 
 } // namespace fraja::cli

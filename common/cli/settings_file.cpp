@@ -16,8 +16,6 @@
 namespace fraja::cli {
 namespace {
 
-constexpr std::array<std::string_view, 5> programs = {"fraja-broker", "fraja-worker",
-                                                      "fraja-submit", "fraja-watch", "fraja-ctl"};
 /// What may stand before the tables.
 constexpr std::array<std::string_view, 7> shared_options = {
     "broker", "connect-timeout", "progress", "color", "log-level", "log-format", "json"};

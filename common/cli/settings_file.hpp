@@ -3,6 +3,7 @@
 
 #include "common/base/result.hpp"
 
+#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <string>
@@ -12,6 +13,10 @@
 namespace fraja::cli {
 
 inline constexpr std::size_t settings_file_bytes_max = std::size_t{1} << 20;
+
+/// Which may have a table.
+inline constexpr std::array<std::string_view, 5> programs = {
+    "fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch", "fraja-ctl"};
 
 /// An option as it stands in a file, without its dashes.
 struct Setting {

@@ -1,5 +1,7 @@
 #include "common/net/descriptors.hpp"
 
+#include "common/base/text.hpp"
+
 #include <algorithm>
 #include <string>
 #include <sys/resource.h>
@@ -21,9 +23,9 @@ Result<void> reserve_descriptors(std::size_t sockets) {
     limit.rlim_cur = needed;
     if (needed <= hard && setrlimit(RLIMIT_NOFILE, &limit) == 0)
         return {};
-    return Error{ErrorCode::limit_exceeded, std::to_string(sockets) + " sockets need " +
-                                                std::to_string(needed) +
-                                                " file descriptors, and this process may have " +
+    return Error{ErrorCode::limit_exceeded, "for " + counted(sockets, "socket") +
+                                                " this process needs " + std::to_string(needed) +
+                                                " file descriptors, and it may have " +
                                                 std::to_string(hard) + " (ulimit -Hn)"};
 }
 

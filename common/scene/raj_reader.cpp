@@ -1,6 +1,7 @@
 #include "common/scene/raj_reader.hpp"
 
 #include "common/base/assert.hpp"
+#include "common/base/missing_file.hpp"
 #include "common/scene/raj_builder.hpp"
 #include "common/scene/raj_labels.hpp"
 #include "common/scene/raj_lexer.hpp"
@@ -300,7 +301,7 @@ Result<std::string> read_text(const std::filesystem::path& path, const RajLimits
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
     if (status.type() == std::filesystem::file_type::not_found)
-        return io_error("there is no such file");
+        return Error{ErrorCode::io, missing_file(path)};
     if (error)
         return io_error(error.message());
     if (std::filesystem::is_directory(status))

@@ -46,5 +46,5 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     REQUIRE(checked.has_value());
     INFO(checked->out << checked->err);
     CHECK(checked->exit == 0);
-    CHECK(contains(checked->out, "80 tile(s)"));
+    CHECK(contains(checked->out, "80 tiles"));
 }

@@ -58,8 +58,8 @@ TEST_CASE("a doctor finds what is wrong with a farm, and knows a cure") {
                  [](B& b) { b.unix_time -= 2h; }},
              Row{"store", bad, "disk full", [](B& b) { b.trouble = "disk full"; }},
              Row{"workers", doubtful, "there is none", [](B& b) { b.workers = b.threads = 0; }},
-             Row{"workers", doubtful, "none of the 2 may", [](B& b) { b.threads = 0; }},
-             Row{"jobs", doubtful, "3 wait", [](B& b) { b.jobs_ready = 3; }},
+             Row{"workers", doubtful, "2, and none may", [](B& b) { b.threads = 0; }},
+             Row{"jobs", doubtful, "3 jobs to be rendered", [](B& b) { b.jobs_ready = 3; }},
          }) {
         CAPTURE(row.text);
         auto farm = healthy();

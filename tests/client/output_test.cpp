@@ -5,6 +5,7 @@
 #include "client/submit_options.hpp"
 #include "client/table.hpp"
 #include "common/service/json_line.hpp"
+#include "tests/client/written.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -52,27 +53,6 @@ std::string attribute_of(const protocol::JobState& state, const char* name) {
     const auto found = std::ranges::find(attributes, name, &PictureAttribute::name);
     return found == attributes.end() ? "missing" : found->value;
 }
-
-/// What a Console wrote into a file.
-class Written {
-public:
-    explicit Written(ConsoleOptions options) : file_(std::tmpfile()), console(options, file_) {}
-    ~Written() { std::fclose(file_); }
-    Written(const Written&) = delete;
-    Written& operator=(const Written&) = delete;
-    [[nodiscard]] std::string text() {
-        std::rewind(file_);
-        std::string all(4096, '\0');
-        all.resize(std::fread(all.data(), 1, all.size(), file_));
-        return all;
-    }
-
-private:
-    std::FILE* file_;
-
-public:
-    Console console;
-};
 
 } // namespace
 
@@ -138,7 +118,7 @@ TEST_CASE("the counts of a job are lines of plain words, and a truncated pixel a
     CHECK(page.ends_with("\npixels truncated  0\n"));
     auto cut_short = job();
     cut_short.rays.truncated_pixels = 9;
-    CHECK(counts_page(cut_short).find("\nIn 9 pixel(s) a sample ran out of its budget of rays") !=
+    CHECK(counts_page(cut_short).find("\nIn 9 pixels a sample ran out of its budget of rays") !=
           std::string::npos);
     auto plain = job();
     plain.settings.kernel = protocol::KernelChoice::reference;

@@ -13,7 +13,7 @@ void wait_until_first_is_lost(Farm& farm) {
     const auto line =
         farm.broker().wait_for_words(Process::Stream::err, "worker first is gone", patience);
     REQUIRE(line.has_value());
-    CHECK(line->find("; 0 tile(s) requeued") == std::string::npos);
+    CHECK(line->find("; 0 tiles requeued") == std::string::npos);
 }
 
 /// Three workers, a job, and something done to the first worker when some tiles are there; the
@@ -81,14 +81,14 @@ TEST_CASE("a worker told twice to leave hands its tile back at once") {
     // One at a time: two signals of a kind that come together are one.
     worker.send(SIGTERM);
     const auto leaving =
-        worker.wait_for_words(Process::Stream::err, "leaving with 1 tiles", patience);
+        worker.wait_for_words(Process::Stream::err, "leaving with 1 tile", patience);
     REQUIRE(leaving.has_value());
     worker.send(SIGTERM);
     CHECK(worker.wait_for_exit(patience) == 128 + SIGTERM);
     const auto gone =
         farm.broker().wait_for_words(Process::Stream::err, "worker first is gone", patience);
     REQUIRE(gone.has_value());
-    CHECK(gone->find("(it said goodbye); 0 tile(s)") != std::string::npos); // all answered for
+    CHECK(gone->find("(it said goodbye); 0 tiles") != std::string::npos); // all answered for
     CHECK(farm.broker().err().find("failed on first") == std::string::npos);
 }
 
@@ -217,7 +217,7 @@ TEST_CASE("what a killed broker had of a picture is not drawn again") {
     farm.broker().send(SIGTERM);
     CHECK(farm.broker().wait_for_exit(patience) == 0);
     for (const auto& [directory, says] :
-         {std::pair{state, "1 job(s), 1 of them over, " + std::to_string(all) + " tile(s)"},
+         {std::pair{state, "1 job, 1 of them over, " + std::to_string(all) + " tiles"},
           std::pair{scratch.file("none"), std::string("there is no such store")}}) {
         const auto checked =
             run({{program("fraja-broker"), "--state", directory, "--check"}}, patience);

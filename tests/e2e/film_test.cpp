@@ -186,14 +186,14 @@ TEST_CASE("a film that is left goes on with what was begun, and is taken over") 
     left.send(SIGINT);
     CHECK(left.wait_for_exit(patience) == 128 + SIGINT);
     INFO(left.story());
-    CHECK(left.err().find("of 3 frames 0 are written, 0 were not begun") != std::string::npos);
+    CHECK(left.err().find("of 3 frames 0 written, 0 not begun") != std::string::npos);
     CHECK(left.err().find("--skip-existing --resume") != std::string::npos);
-    CHECK(left.err().find("3 frame(s) go on") != std::string::npos);
+    CHECK(left.err().find("going on:     3 frames") != std::string::npos);
 
     const auto timed_out = farm.submit(
         film(scratch.file("%d.png"), {"--frames", "2", "--resume", "--timeout", "300ms"}));
     CHECK(timed_out.exit == 124);
-    CHECK(timed_out.err.find("the time is up; of 1 frames 0 are written") != std::string::npos);
+    CHECK(timed_out.err.find("the time is up; of 1 frame 0 written") != std::string::npos);
 
     farm.add_worker("one", {"-j", "2"});
     const auto taken_over = farm.submit(with(words, {"--resume", "--skip-existing"}));
@@ -219,7 +219,7 @@ TEST_CASE("a film's frame that is cancelled is told, and the others are written"
     CHECK(drawn.wait_for_exit(patience) == 5);
     INFO(drawn.story());
     CHECK(drawn.err().find("frame 2: ") != std::string::npos);
-    CHECK(drawn.err().find("error: 1 of 3 frames are not drawn") != std::string::npos);
+    CHECK(drawn.err().find("error: 1 of 3 frames not drawn") != std::string::npos);
     CHECK(fs::exists(scratch.file("1.png")));
     CHECK_FALSE(fs::exists(scratch.file("2.png")));
     CHECK(fs::exists(scratch.file("3.png")));
@@ -261,7 +261,7 @@ TEST_CASE("a film outlives its broker, also where a frame is begun without one")
     CHECK(drawn.wait_for_exit(patience) == 5);
     INFO(drawn.story());
     CHECK(contains(drawn.err(), "found the broker"));
-    CHECK(contains(drawn.err(), "error: 1 of 65 frames are not drawn"));
+    CHECK(contains(drawn.err(), "error: 1 of 65 frames not drawn"));
     CHECK_FALSE(fs::exists(scratch.file("1.png")));
     for (int frame = 2; frame <= 65; ++frame)
         CHECK(fs::exists(scratch.file(std::to_string(frame) + ".png")));

@@ -94,6 +94,62 @@ TEST_CASE("no broker: what is there instead, and three ways on") {
     }
 }
 
+TEST_CASE("while a broker is looked for, that is said") {
+    const auto said = [](const Words& words) {
+        const auto result = run(
+            {with(words, {"-b", "tcp://127.0.0.1:1", "--connect-timeout", "1500ms"})}, patience);
+        REQUIRE(result.has_value());
+        CHECK(result->exit == 3);
+        CHECK(result->out.empty());
+        return result->err;
+    };
+    const std::string looking = ": looking for a broker at tcp://127.0.0.1:1 ...\n";
+    for (const Words& argv :
+         {Words{program("fraja-submit"), scene("cone"), "-o", "/tmp/never.png"},
+          Words{program("fraja-submit"), scene("cone"), "--travel",
+                FRAJA_SOURCE_DIR "/scenes/travels/cone.raj", "-o", "/tmp/never%d.png"},
+          Words{program("fraja-watch")}, Words{program("fraja-watch"), "cone"},
+          Words{program("fraja-ctl"), "jobs"}, Words{program("fraja-ctl"), "show", "cone"}}) {
+        CAPTURE(argv[0]);
+        CHECK(contains(said(argv), looking));
+    }
+    const Words jobs = {program("fraja-ctl"), "jobs", "--progress"};
+    CHECK(said(with(jobs, {"json"})).starts_with(R"({"schema":"fraja.event/1","event":"looking)"));
+    CHECK_FALSE(contains(said(with(jobs, {"none"})), "looking"));
+}
+
+TEST_CASE("a job that waits for a worker says so, with the cure, and what was written in the end") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string output = scratch.file("x.png");
+    Process client = farm.start_submit({scene("cone"), "-r", "8x6", "-o", output});
+    REQUIRE(client.wait_for_words(Process::Stream::err, ": job ", patience).has_value());
+    Process watcher = farm.watch("cone", {});
+    for (Process* process : {&client, &watcher})
+        CHECK(process
+                  ->wait_for_words(Process::Stream::err,
+                                   "cone #1 is waiting: no worker is connected; fraja-worker -b " +
+                                       farm.endpoint() + " starts one",
+                                   patience)
+                  .has_value());
+    farm.add_worker("ada");
+    for (Process* process : {&client, &watcher}) {
+        CHECK(process->wait_for_exit(patience) == 0);
+        INFO(process->story());
+        CHECK(contains(process->err(), "a worker is here: cone #1 goes on\n"));
+    }
+    CHECK(client.err().ends_with("fraja-submit: wrote " + output + "\n"));
+    const RunResult again = farm.submit({scene("cone"), "-r", "8x6", "-o", output, "--resume"});
+    CHECK(contains(again.err, "fraja-submit: resumes cone #1: 100% of it was there\n"));
+    const RunResult quiet =
+        farm.submit({scene("cone"), "-r", "8x6", "-o", output, "--log-level", "warning", "--wait"});
+    CHECK(quiet.exit == 0);
+    CHECK(quiet.err.empty());
+    const RunResult kept = farm.submit(
+        {scene("cone"), "-r", "8x6", "-o", output, "--time-limit", "1h", "--max-samples", "4"});
+    CHECK(contains(kept.err, "each pixel has its 4 samples, and --max-samples 4 lets it have no"));
+}
+
 TEST_CASE("a scene that is none") {
     const Scratch scratch;
     const auto file = [&](const std::string& name, const std::string& text) {
@@ -110,6 +166,14 @@ TEST_CASE("a scene that is none") {
         {local("no-such.raj"),
          2,
          {"no-such.raj: there is no such file in " + fs::current_path().string()}},
+        {local(FRAJA_SOURCE_DIR "/scenes/coen.raj"),
+         2,
+         {"/coen.raj: there is no such file (did you mean '" + scene("cone") + "'?)"}},
+        {local(FRAJA_SOURCE_DIR "/scenes/cone"), 2, {"(did you mean '" + scene("cone") + "'?)"}},
+        {{"fraja-submit", "--local", scene("cone"), "--travel",
+          FRAJA_SOURCE_DIR "/scenes/travels/con.raj", "-o", scratch.file("%d.png")},
+         2,
+         {"/travels/con.raj: there is no such file (did you mean '"}},
         {local(scratch.file("")), 2, {"this is a directory", "scenes/cone.raj"}},
         {local(picture), 2, {picture + ": this is no scene", "raja.renderer.Scene"}},
         {local(file("empty.raj", "")), 2, {"empty.raj:1:1: unexpected end of the file"}},
@@ -131,7 +195,7 @@ TEST_CASE("an output that cannot be written, before anything is rendered") {
         {into(scratch.file("")), 2, {"extension", ".png"}},
         {into(scratch.file("x.pgn")), 2, {"x.pgn: unknown extension", "did you mean '.png'?"}},
         {into(scratch.file("x")), 2, {"extension", ".png", ".exr"}},
-        {into(scratch.file("x%04d.png")), 2, {"--output", "--travel FILE"}},
+        {into(scratch.file("x%04d.png")), 2, {"error: -o ", "--travel FILE"}},
     });
     fs::create_directory(scratch.file("d.png"));
     check({{into(scratch.file("d.png")), 2, {"d.png: this is a directory"}}});
@@ -170,14 +234,17 @@ TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
     };
     check({
         {with_scene({"--timeout", "soon"}), 2, {"--timeout soon: ", "90, 90s, 5m or 1h30m"}},
-        {with_scene({"--size", "640"}), 2, {"--size 640: ", "640x480"}},
+        {with_scene({"--size", "640"}), 2, {"error: --size 640: ", "640x480"}},
+        {with_scene({"-r", "640"}), 2, {"error: -r 640: ", "640x480"}},
+        {with_scene({"-d", "-1"}), 2, {"error: -d -1: ", "0 to 1000000"}},
+        {with_scene({"-j", "2"}), 2, {"error: -j is for --local"}},
         {with_scene({"--crop", "1,2"}), 2, {"--crop 1,2: ", "X,Y,W,H"}},
         {with_scene({"--depth", "-1"}), 2, {"--depth -1: a number is needed, 0 to 1000000"}},
         {with_scene({"--error", "little"}), 2, {"--error little: a number is needed"}},
         {with_scene({"--kernel", "quick"}), 2, {"--kernel quick: fast or reference"}},
         {with_scene({"--spp", "4", "--aa", "2"}), 2, {"--aa and --spp exclude each other"}},
-        {with_scene({"-b", "http://farm"}), 2, {"--broker: endpoint 'http://farm'", "tcp, ipc"}},
-        {with_scene({"-b", "farm:99999"}), 2, {"--broker: endpoint 'farm:99999'", "0 to 65535"}},
+        {with_scene({"-b", "http://farm"}), 2, {"-b: endpoint 'http://farm'", "tcp, ipc"}},
+        {with_scene({"-b", "farm:99999"}), 2, {"-b: endpoint 'farm:99999'", "0 to 65535"}},
         {{"fraja-broker", "--heartbeat", "often"}, 2, {"--heartbeat often: ", "as 1s"}},
         {{"fraja-broker", "--quarantine", "3"}, 2, {"--quarantine 3: ", "as 3/10m"}},
         {{"fraja-broker", "--keep", "forever"}, 2, {"--keep forever: ", "as 7d"}},
@@ -191,6 +258,84 @@ TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
          {"--until later: done, first, or a share as 50%"}},
         {{"fraja-ctl", "prio", "cone", "high"}, 2, {"N 'high': a number is needed"}},
     });
+}
+
+TEST_CASE("what is typed goes before a settings file that says the contrary") {
+    const Scratch scratch;
+    fs::create_directories(scratch.file("fraja"));
+    const std::string file = scratch.file("fraja/config.toml");
+    const auto plan = [&](const std::string& settings, const Words& typed) {
+        std::ofstream(file) << "[fraja-submit]\n" << settings;
+        const auto result = run({with({program("fraja-submit"), "--dry-run", scene("cone")}, typed),
+                                 {"XDG_CONFIG_HOME=" + scratch.file("")}},
+                                patience);
+        REQUIRE(result.has_value());
+        return *result;
+    };
+    const std::string png = scratch.file("x.png"), exr = scratch.file("x.exr");
+    struct Row {
+        const char* settings;
+        Words typed;
+    };
+    for (const Row& row : {
+             Row{"skip-existing = true\n", {"--overwrite", "-o", png}},
+             Row{"transfer = 'srgb'\n", {"-o", exr}},
+             Row{"half = true\nlayers = true\n", {"-o", png}},
+             Row{"detach = true\n", {"-o", png}},
+             Row{"detach = true\n", {"--local", "-o", png}},
+             Row{"local = true\nthreads = 2\n", {"--detach"}},
+             Row{"output = 'y.png'\n", {"--detach"}},
+             Row{"time-limit = '9s'\nmax-samples = 64\nfilter = 'tent'\n", {"-a", "2", "-o", png}},
+             Row{"stats = true\ntime-limit = '9s'\npreview = 'auto'\n",
+                 {"--travel", FRAJA_SOURCE_DIR "/scenes/travels/cone.raj", "-o",
+                  scratch.file("%d.png")}},
+         }) {
+        const RunResult planned = plan(row.settings, row.typed);
+        CAPTURE(row.settings);
+        CAPTURE(planned.err);
+        CHECK(planned.exit == 0);
+        CHECK(planned.err.empty());
+    }
+    const RunResult wrong = plan("\nsize = '640'\n", {"-o", png});
+    CHECK(wrong.exit == 2);
+    CHECK(contains(wrong.err, "fraja-submit: error: " + file + ":3:1: --size 640: "));
+    const RunResult both = plan("detach = true\nlocal = true\n", {});
+    CHECK(both.exit == 2);
+    CHECK(
+        contains(both.err, file + ":3:1: local and detach (" + file + ":2:1) exclude each other"));
+}
+
+TEST_CASE("a doctor finds the mistakes in settings files, whosever they are, and goes on") {
+    const Scratch scratch;
+    const Farm farm;
+    fs::create_directories(scratch.file("fraja"));
+    const std::string file = scratch.file("fraja/config.toml");
+    struct Row {
+        const char* settings;
+        Words says;
+    };
+    for (const Row& row :
+         {Row{"borker = 'a'\n",
+              {":1:1: programs share no option 'borker' (did you mean 'broker'?)"}},
+          Row{"[fraja-broker]\nbnid = 'x'\n[fraja-worker]\nthreads = 0\n",
+              {":2:1: fraja-broker has no option 'bnid' (did you mean 'bind'?)",
+               ":4:1: --threads 0: a number is needed, 1 to 2048"}},
+          Row{"connect-timeout = 'soon'\n[fraja-broker]\nbnid = 'x'\n",
+              {":1:1: --connect-timeout soon: ", ":3:1: fraja-broker has no option 'bnid'"}}}) {
+        CAPTURE(row.settings);
+        std::ofstream(file) << row.settings;
+        const auto found = run({{program("fraja-ctl"), "doctor", "-b", farm.endpoint()},
+                                {"XDG_CONFIG_HOME=" + scratch.file("")}},
+                               patience);
+        REQUIRE(found.has_value());
+        INFO(found->out << found->err);
+        CHECK(found->exit == 2);
+        for (const std::string& words : row.says)
+            CHECK(contains(found->out, file + words));
+        CHECK(contains(found->out, "-> correct it there"));
+        CHECK(contains(found->out, "pictures"));
+        CHECK(contains(found->out, "reached in"));
+    }
 }
 
 TEST_CASE("a broker that cannot start") {
@@ -273,11 +418,17 @@ TEST_CASE("jobs and workers that are not there, or are several") {
             twice = first;
     check({
         {ctl({"show", twice}), 2, {"'" + twice + "' fits 2 jobs", "give more of the id"}},
+        {ctl({"show", "coen"}), 6, {"there is no job 'coen' (did you mean 'cone'?)"}},
+        {ctl({"cancel", "--yes", "con"}), 6, {"there is no job 'con' (did you mean 'cone'?)"}},
+        {ctl({"get", "cnoe", "-o", "/tmp/never.png"}), 6, {"(did you mean 'cone'?)"}},
+        {{"fraja-watch", "-b", farm.endpoint(), "conne"}, 6, {"'conne' (did you mean 'cone'?)"}},
         {ctl({"cancel", "cone"}), 2, {"--yes", "cancel cone #"}},
         {ctl({"kick", "ada"}), 2, {"--yes", "kick ada"}},
         {ctl({"get", "cone", "-o", "/no/such/x.png"}), 2, {"there is no directory /no/such"}},
         {ctl({"get", "cone"}), 2, {"--output is missing"}},
     });
+    farm.add_worker("ada");
+    check({{ctl({"drain", "adda"}), 6, {"there is no worker 'adda' (did you mean 'ada'?)"}}});
 }
 
 TEST_CASE("a broker of another release") {

@@ -85,6 +85,32 @@ TEST_CASE("a job on a terminal is a picture above a bar and no line of tiles") {
     CHECK(terminal.is_sane());
 }
 
+TEST_CASE("a job that is watched on a terminal is left as the table is, and goes on") {
+    Farm farm;
+    const std::string job = farm.detach({scene("cone"), "-r", "32x24"});
+    struct Row {
+        const char* keys;
+        int exit;
+        Words options;
+    };
+    for (const Row& row : {Row{"xq", 0, {}}, Row{"\x03", 130, {}}, Row{"q", 0, {"--json"}},
+                           Row{"Q", 0, {"--preview", "none"}}}) {
+        CAPTURE(row.keys);
+        Terminal terminal({60, 20});
+        Process watcher = start_at(
+            terminal, with({program("fraja-watch"), "-b", farm.endpoint(), job}, row.options));
+        REQUIRE(terminal.wait_for("queued", patience));
+        CHECK_FALSE(terminal.is_sane()); // keys are read one by one
+        terminal.type(row.keys);
+        REQUIRE(terminal.wait_for_end(patience));
+        CHECK(watcher.wait_for_exit(patience) == row.exit);
+        CHECK(terminal.is_sane());
+    }
+    const auto shown = run({{program("fraja-ctl"), "-b", farm.endpoint(), "show", job}}, patience);
+    REQUIRE(shown.has_value());
+    CHECK(contains(shown->out, "state     queued"));
+}
+
 TEST_CASE("a terminal that says so gets sixels") {
     if (!client::check_sixel()) // only where libchafa is installed
         return;

@@ -100,7 +100,7 @@ TEST_CASE("the broker's unit starts one that is ready, alive, and says that it s
                                           "FRAJA_BROKER_OPTIONS=--bind tcp://127.0.0.1:0 --publish "
                                           "tcp://127.0.0.1:0"}));
     INFO(broker.story());
-    CHECK(contains(manager.wait_for("READY=1"), "STATUS=0 worker(s)"));
+    CHECK(contains(manager.wait_for("READY=1"), "STATUS=0 workers"));
     CHECK(fs::exists(scratch.file("state")));
     manager.wait_for("WATCHDOG=1");
     manager.wait_for("WATCHDOG=1"); // again and again
@@ -126,7 +126,7 @@ TEST_CASE("the worker's unit drains to stop, and hands back at a second TERM") {
     };
 
     Process idle = start(command, environment);
-    CHECK(contains(manager.wait_for("READY=1"), "serves with 1 threads"));
+    CHECK(contains(manager.wait_for("READY=1"), "serves with 1 thread "));
     manager.wait_for("WATCHDOG=1");
     REQUIRE(farm.broker().wait_for_words(Process::Stream::err, " is here: ", patience));
     Process stopping = stop(idle, "5m");

@@ -66,6 +66,12 @@ TEST_CASE("format_duration writes minutes and, when there are any, hours") {
     CHECK(format_duration(Duration::max()) == "2562047:47:16");
 }
 
+TEST_CASE("one is counted in the singular") {
+    CHECK(counted(0, "job") == "0 jobs");
+    CHECK(counted(1, "job") == "1 job");
+    CHECK(counted(2, "more job") == "2 more jobs");
+}
+
 TEST_CASE("nearest_name finds slips and nothing far away") {
     constexpr std::array<std::string_view, 4> fields = {"center", "radius", "origin", "direction"};
     CHECK(nearest_name("radiu", fields) == "radius");

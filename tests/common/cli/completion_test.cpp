@@ -86,13 +86,14 @@ TEST_CASE("names that the program must find are asked for when all that stands b
 
 TEST_CASE("a program answers shells and the build before it reads anything else") {
     Program program;
-    CHECK(parse(program.app, {"--complete", "po"}) == EarlyExit{0, "polish\tPolish it\n"});
-    CHECK(parse(program.app, {"--complete"})->code == 0);
-    CHECK(parse(program.app, {"--completion", "bash"})->text.find("fraja-test") !=
+    CHECK(parse(program.app, {"--complete", "po"}, program.origins) ==
+          EarlyExit{0, "polish\tPolish it\n"});
+    CHECK(parse(program.app, {"--complete"}, program.origins)->code == 0);
+    CHECK(parse(program.app, {"--completion", "bash"}, program.origins)->text.find("fraja-test") !=
           std::string::npos);
-    CHECK(parse(program.app, {"--completion", "tcsh"})->code == 2);
-    CHECK(parse(program.app, {"--manual"})->code == 0);
-    CHECK(parse(program.app, {"polish", "--manual"})->code == 2);
+    CHECK(parse(program.app, {"--completion", "tcsh"}, program.origins)->code == 2);
+    CHECK(parse(program.app, {"--manual"}, program.origins)->code == 0);
+    CHECK(parse(program.app, {"polish", "--manual"}, program.origins)->code == 2);
 }
 
 TEST_CASE("a script names every program and leaves no mark") {

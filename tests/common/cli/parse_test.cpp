@@ -15,7 +15,7 @@ namespace {
 
 std::optional<EarlyExit> reads(const std::string& line) {
     Program program;
-    return parse(program.app, words_of(line));
+    return parse(program.app, words_of(line), program.origins);
 }
 
 } // namespace
@@ -39,7 +39,7 @@ TEST_CASE("a mistake is told as it was typed, with the cure") {
              Row{"paint a --mode carefull",
                  "--mode carefull: quick or careful (did you mean 'careful'?)"},
              Row{"paint a --mode blue", "--mode blue: quick or careful"},
-             Row{"paint a -d 10", "--depth 10: a number is needed, 0 to 9"},
+             Row{"paint a -d 10", "-d 10: a number is needed, 0 to 9"},
              Row{"paint a --depth=ten", "--depth ten: a number is needed, 0 to 9"},
              Row{"paint a --count many", "--count many: cannot be read as N"},
              Row{"paint a --count 1 --count 2", "--count is given twice"},
@@ -70,7 +70,9 @@ TEST_CASE("a mistake in the environment is told as one") {
 
 TEST_CASE("what is right is read, and help and version end with 0") {
     Program program;
-    CHECK_FALSE(parse(program.app, words_of("paint a --like b.raj --mode quick -d 3")).has_value());
+    CHECK_FALSE(
+        parse(program.app, words_of("paint a --like b.raj --mode quick -d 3"), program.origins)
+            .has_value());
     CHECK(program.depth == 3);
     CHECK(program.mode == "quick");
     CHECK(reads("--version") == EarlyExit{0, "fraja-test 1.0\n"});
@@ -84,7 +86,7 @@ TEST_CASE("help says what an option takes, its bounds and its default, in lines 
     Program program;
     program.app.get_option("--loud")->description("Say " + std::string(40, 'm') + " " +
                                                   std::string(40, 'm'));
-    const std::string help = parse(program.app, {"--help"})->text;
+    const std::string help = parse(program.app, {"--help"}, program.origins)->text;
     CAPTURE(help);
     for (const char* words :
          {"--mode quick|careful  ", "Way of doing it (or FRAJA_TEST_MODE)", "-d,--depth N  ",

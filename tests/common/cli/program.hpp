@@ -1,6 +1,8 @@
 // A program with an option of every kind.
 #pragma once
 
+#include "common/cli/origins.hpp"
+
 #include <CLI/CLI.hpp>
 #include <sstream>
 #include <string>
@@ -45,6 +47,7 @@ struct Program {
     std::string mode, wall, to, in, like;
     int depth = 5, count = 0, louder_by = 0;
     bool loud = false, twice = false;
+    Origins origins;
 };
 
 } // namespace fraja::cli

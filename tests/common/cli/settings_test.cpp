@@ -20,6 +20,7 @@ struct Tool {
     std::string color = "auto";
     unsigned aa = 0, spp = 0;
     bool json = false;
+    cli::Origins origins;
 
     Tool() {
         app.add_option("-b,--broker", brokers)->delimiter(',')->envname("FRAJA_TEST_BROKER");
@@ -39,7 +40,7 @@ TEST_CASE("an option on the command line goes before the environment, and that b
         folder.write("all.toml", "broker = 'all'\njson = false\ncolor = 'never'\n")};
     {
         Tool p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {}, p.origins, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"own"});
         CHECK(p.json);
         CHECK(p.color == "never");
@@ -47,12 +48,13 @@ TEST_CASE("an option on the command line goes before the environment, and that b
     setenv("FRAJA_TEST_BROKER", "c,d", 1);
     {
         Tool p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {}, p.origins, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"c", "d"});
     }
     {
         Tool p;
-        REQUIRE_FALSE(cli::parse(p.app, {"-b", "e", "--color", "always"}, {}, files).has_value());
+        REQUIRE_FALSE(
+            cli::parse(p.app, {"-b", "e", "--color", "always"}, p.origins, {}, files).has_value());
         CHECK(p.brokers == std::vector<std::string>{"e"});
         CHECK(p.color == "always");
     }
@@ -64,19 +66,19 @@ TEST_CASE("what is typed outdoes a setting that it excludes") {
     const std::vector files = {folder.write("a.toml", "[fraja-submit]\naa = 4\n")};
     {
         Tool p;
-        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {}, p.origins, {}, files).has_value());
         CHECK(p.aa == 4);
     }
     {
         Tool p;
-        REQUIRE_FALSE(cli::parse(p.app, {"--spp", "16"}, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {"--spp", "16"}, p.origins, {}, files).has_value());
         CHECK(p.aa == 0);
         CHECK(p.spp == 16);
     }
     {
         Tool p;
         p.app.get_option("--aa")->configurable(false);
-        REQUIRE_FALSE(cli::parse(p.app, {}, {}, files).has_value());
+        REQUIRE_FALSE(cli::parse(p.app, {}, p.origins, {}, files).has_value());
         CHECK(p.aa == 0);
     }
 }
@@ -84,8 +86,8 @@ TEST_CASE("what is typed outdoes a setting that it excludes") {
 TEST_CASE("a setting is checked as what is typed is, and named with its place") {
     const Folder folder;
     Tool p;
-    const auto exit =
-        cli::parse(p.app, {}, {}, {folder.write("config.toml", "\ncolor = 'sometimes'\n")});
+    const auto exit = cli::parse(p.app, {}, p.origins, {},
+                                 {folder.write("config.toml", "\ncolor = 'sometimes'\n")});
     REQUIRE(exit.has_value());
     CHECK(exit->code == 2);
     CHECK(exit->text.starts_with("fraja-submit: error: " + folder.path.string() +

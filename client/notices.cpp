@@ -1,0 +1,101 @@
+#include "client/notices.hpp"
+
+#include "client/json.hpp"
+#include "client/progress.hpp"
+#include "common/base/assert.hpp"
+#include "common/base/text.hpp"
+#include "common/protocol/reasons.hpp"
+
+#include <algorithm>
+#include <fmt/core.h>
+#include <utility>
+
+namespace fraja::client {
+
+void tell(Console& console, ProgressMode mode, std::string_view event, const std::string& text) {
+    if (mode == ProgressMode::json)
+        console.line(event_json(event, text));
+    else
+        console.info(text);
+}
+
+SearchNotice::SearchNotice(Console& console, ProgressMode mode,
+                           const std::vector<std::string>& brokers, Instant now)
+    : console_(console), mode_(mode), text_("looking for a broker at "),
+      due_(mode == ProgressMode::none ? Instant::never() : now + unsaid_max) {
+    FRAJA_ASSERT(mode != ProgressMode::automatic);
+    for (std::size_t i = 0; i < brokers.size(); ++i)
+        text_ += (i > 0 ? ", " : "") + brokers[i];
+    text_ += " ...";
+}
+
+Instant SearchNotice::tick(Instant now) {
+    if (now < due_)
+        return due_;
+    due_ = Instant::never();
+    drawn_ = mode_ == ProgressMode::bar;
+    if (drawn_)
+        console_.redraw(printable(text_));
+    else
+        tell(console_, mode_, "looking_for_broker", text_);
+    return due_;
+}
+
+void SearchNotice::end() {
+    due_ = Instant::never();
+    if (std::exchange(drawn_, false))
+        console_.redraw("");
+}
+
+void WaitNotice::update(Instant now, const protocol::JobState& job, const std::string& cure) {
+    std::string text;
+    if (!is_over(job.phase) && !job.reason.empty())
+        text = fmt::format("{} #{} is {}{}", job.job_name, job.number, job.reason,
+                           job.reason == protocol::no_worker_reason ? "; " + cure : "");
+    if (text == text_)
+        return;
+    const bool goes_on = std::exchange(said_, false) && text.empty() && !is_over(job.phase);
+    if (goes_on)
+        tell(console_, mode_, "job_goes_on",
+             fmt::format("{}{} #{} goes on", lacks_worker_ ? "a worker is here: " : "",
+                         job.job_name, job.number));
+    lacks_worker_ = job.reason == protocol::no_worker_reason;
+    text_ = std::move(text);
+    due_ = text_.empty() || mode_ == ProgressMode::none ? Instant::never() : now + unsaid_max;
+}
+
+Instant WaitNotice::tick(Instant now) {
+    if (now < due_)
+        return due_;
+    due_ = Instant::never();
+    said_ = true;
+    tell(console_, mode_, "job_waits", text_);
+    return due_;
+}
+
+void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,
+                  JobId submitted) {
+    const std::string name = fmt::format("{} #{}", job.job_name, job.number);
+    if (job.job == submitted)
+        tell(console, mode, "not_resumed",
+             "no job of this scene and these settings to resume: " + name + " is new");
+    else
+        tell(console, mode, "resumed",
+             fmt::format("resumes {}: {}% of it was there", name,
+                         ProgressView::percent_of(share_done(job))));
+}
+
+std::string worker_cure(const std::string& broker) {
+    return "fraja-worker -b " + broker + " starts one";
+}
+
+void SearchingListener::hear(Instant now, const News& news) {
+    notice_.end(); // whatever it is: no longer looked for
+    listener_.hear(now, news);
+}
+
+Instant SearchingListener::tick(Instant now) {
+    return std::min(notice_.tick(now), listener_.tick(now));
+}
+
+} // namespace fraja::client

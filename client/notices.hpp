@@ -1,0 +1,83 @@
+// Notices: what is said once, beside the progress and in the form that was chosen for it.
+#pragma once
+
+#include "client/console.hpp"
+#include "client/options.hpp"
+#include "client/shell.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace fraja::client {
+
+/// What takes no longer is not worth a word.
+inline constexpr Duration unsaid_max = std::chrono::seconds(1);
+
+/// A message at level info; with --progress json instead a line of fraja.event/1.
+void tell(Console& console, ProgressMode mode, std::string_view event, const std::string& text);
+
+/// Says that a broker is looked for: on a terminal in the line that is redrawn, with --progress
+/// none not at all. `mode` must not be automatic; the console must outlive this.
+class SearchNotice {
+public:
+    SearchNotice(Console& console, ProgressMode mode, const std::vector<std::string>& brokers,
+                 Instant now);
+    /// Says it if that is due. Returns when it wants to be called next.
+    Instant tick(Instant now);
+    /// It was found, or nobody looks any more: the redrawn line is clear again.
+    void end();
+
+private:
+    Console& console_;
+    ProgressMode mode_;
+    std::string text_;
+    Instant due_;
+    bool drawn_ = false;
+};
+
+/// Says why a job waits, and that it goes on; with --progress none nothing. `mode` and `console` as
+/// above.
+class WaitNotice {
+public:
+    WaitNotice(Console& console, ProgressMode mode) : console_(console), mode_(mode) {}
+    /// `cure`: what to do where no worker is connected.
+    void update(Instant now, const protocol::JobState& job, const std::string& cure);
+    /// Says it if that is due. Returns when it wants to be called next.
+    Instant tick(Instant now);
+
+private:
+    Console& console_;
+    ProgressMode mode_;
+    std::string text_;          ///< empty: it does not wait
+    bool lacks_worker_ = false; ///< and waits for that
+    bool said_ = false;
+    Instant due_ = Instant::never();
+};
+
+/// What --resume found: `job`, or that alone which was `submitted`.
+void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,
+                  JobId submitted);
+
+/// How a worker is started for a broker.
+[[nodiscard]] std::string worker_cure(const std::string& broker);
+
+/// A listener with a SearchNotice in front of it, until a broker is reached for the first time.
+class SearchingListener final : public Listener {
+public:
+    SearchingListener(Listener& listener, SearchNotice notice)
+        : listener_(listener), notice_(std::move(notice)) {}
+
+    void hear(Instant now, const News& news) override;
+    Instant tick(Instant now) override;
+    void wait_also(std::vector<net::Waitable>& all) const override { listener_.wait_also(all); }
+    std::optional<Outcome> wants_to_leave() override { return listener_.wants_to_leave(); }
+
+private:
+    Listener& listener_;
+    SearchNotice notice_;
+};
+
+} // namespace fraja::client
