@@ -1,11 +1,12 @@
 #include "common/service/logger.hpp"
 
 #include "common/net/clock.hpp"
+#include "common/service/color.hpp"
 #include "common/service/json_line.hpp"
 
-#include <cstdlib>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 #include <utility>
 
 namespace fraja::service {
@@ -25,19 +26,13 @@ spdlog::level::level_enum to_spdlog(LogLevel level) {
     return spdlog::level::err;
 }
 
-spdlog::color_mode color_mode(const std::string& choice) {
-    const char* no_color = std::getenv("NO_COLOR");
-    if (choice == "always")
-        return spdlog::color_mode::always;
-    return choice == "never" || (no_color && *no_color) ? spdlog::color_mode::never
-                                                        : spdlog::color_mode::automatic;
-}
-
 } // namespace
 
 Logger::Logger(std::string program, const LogOptions& options)
     : program_(std::move(program)), as_json_(options.as_json()) {
-    auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(color_mode(options.color));
+    auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(
+        wants_color(options.color_choice(), STDERR_FILENO) ? spdlog::color_mode::always
+                                                           : spdlog::color_mode::never);
     logger_ = std::make_shared<spdlog::logger>(program_, std::move(sink));
     logger_->set_pattern(as_json_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     set_level(options.least());
