@@ -5,7 +5,6 @@
 #include "common/service/json_line.hpp"
 
 #include <chrono>
-#include <cstdlib>
 #include <fmt/core.h>
 #include <poll.h>
 #include <unistd.h>
@@ -17,19 +16,6 @@ namespace {
 constexpr const char* red = "\x1b[1;31m";
 constexpr const char* yellow = "\x1b[1;33m";
 constexpr const char* plain = "\x1b[0m";
-
-bool wants_color(ColorChoice choice, bool terminal) {
-    const char* no_color = std::getenv("NO_COLOR");
-    switch (choice) {
-    case ColorChoice::always:
-        return true;
-    case ColorChoice::never:
-        return false;
-    case ColorChoice::automatic:
-        break;
-    }
-    return terminal && !(no_color && *no_color);
-}
 
 /// A terminal that knows how shows all that is between them at once.
 constexpr std::string_view update_begin = "\x1b[?2026h", update_end = "\x1b[?2026l";
@@ -45,7 +31,7 @@ bool has_room(std::FILE* out) {
 
 Console::Console(ConsoleOptions options, std::FILE* out)
     : options_(std::move(options)), out_(out), terminal_(isatty(fileno(out)) == 1),
-      color_(wants_color(options_.color, terminal_)) {}
+      color_(service::wants_color(options_.color, fileno(out))) {}
 
 Console::~Console() {
     end_redraw();

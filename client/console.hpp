@@ -6,8 +6,8 @@
 #include "client/preview/preview.hpp"
 #include "client/terminal.hpp"
 #include "common/base/log_line.hpp"
+#include "common/service/color.hpp"
 
-#include <cstdint>
 #include <cstdio>
 #include <optional>
 #include <string>
@@ -15,18 +15,16 @@
 
 namespace fraja::client {
 
-enum class ColorChoice : std::uint8_t { automatic, always, never };
-
 struct ConsoleOptions {
     std::string program; ///< opens every message
     LogLevel level = LogLevel::info;
     bool json = false; ///< messages as objects, a line each
-    ColorChoice color = ColorChoice::automatic;
+    service::ColorChoice color = service::ColorChoice::automatic;
 };
 
 class Console {
 public:
-    /// `out` is stderr but in tests. Colour is used on a terminal, unless NO_COLOR is set.
+    /// `out` is stderr but in tests.
     explicit Console(ConsoleOptions options, std::FILE* out = stderr);
     ~Console(); ///< ends the line that is redrawn
     Console(const Console&) = delete;

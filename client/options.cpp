@@ -42,9 +42,6 @@ constexpr Names<PreviewMode, 5> preview_modes{{{{"auto", PreviewMode::automatic}
                                                 {"sixel", PreviewMode::sixel},
                                                 {"blocks", PreviewMode::blocks},
                                                 {"none", PreviewMode::none}}}};
-constexpr Names<ColorChoice, 3> color_choices{{{{"auto", ColorChoice::automatic},
-                                                {"always", ColorChoice::always},
-                                                {"never", ColorChoice::never}}}};
 
 } // namespace
 
@@ -93,7 +90,7 @@ Result<SharedOptions> SharedArguments::read() const {
                               ": a duration is written as 90, 90s, 5m or 1h30m");
     options.connect_timeout = *timeout;
     options.progress = progress_modes.of(progress_);
-    options.console = {program_, log_.least(), log_.as_json(), color_choices.of(log_.color)};
+    options.console = {program_, log_.least(), log_.as_json(), log_.color_choice()};
     options.json = json_;
     return options;
 }

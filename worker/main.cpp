@@ -1,24 +1,20 @@
 // fraja-worker: reads the options and runs the worker.
 #include "common/base/freed_memory.hpp"
-#include "common/base/guarded.hpp"
 #include "common/base/resident_memory.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
-#include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
-#include "common/service/logger.hpp"
-#include "common/service/notifier.hpp"
+#include "common/service/log_options.hpp"
 #include "worker/duty.hpp"
-#include "worker/shell.hpp"
+#include "worker/service.hpp"
 
 #include <CLI/CLI.hpp>
-#include <atomic>
 #include <cerrno>
-#include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <fmt/core.h>
@@ -26,7 +22,6 @@
 #include <string>
 #include <sys/resource.h>
 #include <system_error>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -49,8 +44,6 @@ FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixel
 )";
 
 constexpr const char* no_isa = "no instruction set to render with";
-
-enum Exit : int { done = 0, refused = 4, start_again = 75, interrupted = 128 };
 
 struct Arguments {
     worker::WorkerOptions options;
@@ -149,6 +142,11 @@ Result<void> read_duty(Arguments& arguments) {
         if (!bytes || *bytes == 0)
             return Error{ErrorCode::invalid_argument, "--max-memory " + arguments.max_memory +
                                                           ": a size is written as 512M or 4G"};
+        if (const std::uint64_t now = resident_bytes(); *bytes <= now)
+            return Error{ErrorCode::invalid_argument,
+                         fmt::format("--max-memory: a worker has {} MiB before it draws anything; "
+                                     "give it more",
+                                     now >> 20)};
         arguments.duty.memory_max = *bytes;
     }
     return {};
@@ -181,176 +179,6 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
     return worker::validate(options);
 }
 
-int exit_code(worker::FinishReason reason, int last_signal) {
-    switch (reason) {
-    case worker::FinishReason::drained:
-    case worker::FinishReason::dismissed:
-        return Exit::done;
-    case worker::FinishReason::stopped:
-        return Exit::interrupted + last_signal;
-    case worker::FinishReason::version_mismatch:
-        return Exit::refused;
-    }
-    return Exit::done;
-}
-
-std::string opening_line(const worker::WorkerOptions& options, const std::string& isa) {
-    if (options.emulated.empty())
-        return fmt::format("'{}' serves with {} on {}", options.name,
-                           counted(options.threads, "thread"), isa);
-    std::string speeds;
-    for (const worker::EmulatedWorkers& e : options.emulated)
-        speeds +=
-            fmt::format("{}{} of {:g} rays/s", speeds.empty() ? "" : ", ", e.count, e.rays_per_s);
-    return fmt::format("'{}' EMULATES {} ({} and thread) with {} each: they answer "
-                       "when it is time, and do not draw (but once for all, on {})",
-                       options.name, counted(worker::emulated_count(options), "worker"), speeds,
-                       counted(options.threads, "thread"), isa);
-}
-
-/// A process that serves: its worker, its hours, and whoever runs it.
-class Service {
-public:
-    Service(Arguments& arguments, const net::SignalWatch& signals, std::string opening)
-        : options_(arguments.options), hours_(arguments.hours), terms_(arguments.duty),
-          signals_(signals), opening_(std::move(opening)), logger_(program, arguments.log) {
-        options_.on_log = [this](const LogLine& line) { logger_.log(line); };
-        options_.on_listening = [](const std::vector<std::string>& endpoints) {
-            for (const std::string& endpoint : endpoints)
-                fmt::print("listening {}\n", endpoint);
-            std::fflush(stdout);
-        };
-        options_.on_turn = [this](const Load& load) { look_at(load); };
-    }
-
-    /// Until it has served enough; the exit code.
-    int run() {
-        if (const std::uint64_t now = resident_bytes();
-            terms_.memory_max > 0 && terms_.memory_max <= now)
-            return usage_error(fmt::format("--max-memory: a worker has {} MiB before it draws "
-                                           "anything; give it more",
-                                           now >> 20));
-        tell(opening_);
-        for (;;) {
-            if (!wait_for_hours())
-                return Exit::done; // told to leave while nothing was at hand
-            const auto outcome = serve();
-            if (!outcome)
-                return fail(outcome.error().message);
-            if (signal_count_ > 0 || *outcome != worker::FinishReason::drained)
-                return exit_code(*outcome, last_signal_);
-            if (verdict_ != worker::Duty::Verdict::go_on)
-                return verdict_ == worker::Duty::Verdict::enough ? Exit::done : Exit::start_again;
-        }
-    }
-
-private:
-    using Load = worker::Load;
-
-    void tell(const std::string& text) { logger_.log({LogLevel::info, {}, {}, text}); }
-    [[nodiscard]] bool on_duty() const { return !hours_ || hours_->contains(worker::minute_now()); }
-
-    /// From the worker's thread, about once a second.
-    void look_at(const Load& load) {
-        if (!std::exchange(is_ready_, true))
-            notifier_.ready(opening_);
-        notifier_.alive(net::now());
-        logger_.tell_due();
-        if (leaving_ || signal_count_ > 0)
-            return;
-        const std::uint64_t resident = terms_.memory_max > 0 ? resident_bytes() : 0;
-        verdict_ = duty_.judge(net::now(), load, resident);
-        if (verdict_ == worker::Duty::Verdict::go_on)
-            return;
-        leave(verdict_ == worker::Duty::Verdict::enough
-                  ? "has served enough"
-                  : fmt::format("has grown to {} MiB: leaves to be started again", resident >> 20));
-    }
-
-    /// Finishes the tiles at hand first.
-    void leave(const std::string& why) {
-        leaving_ = true;
-        tell(why);
-        notifier_.stopping(why);
-        control_->drain();
-    }
-
-    /// Whether they have come; not where a signal came first.
-    bool wait_for_hours() {
-        for (bool told = false; !on_duty(); told = true) {
-            const std::string text = "rests until " + worker::time_of_day(hours_->begin_min);
-            if (!told) {
-                tell(text);
-                is_ready_ ? notifier_.status(text) : notifier_.ready(text);
-                is_ready_ = true;
-            }
-            notifier_.alive(net::now());
-            net::wait({signals_.fd()}, std::chrono::seconds(1));
-            if (signals_.receive())
-                return false;
-            if (on_duty()) {
-                tell("serves again");
-                notifier_.status(opening_);
-            }
-        }
-        return true;
-    }
-
-    /// Runs the worker in a thread of its own while this one watches signals and hours.
-    Result<worker::FinishReason> serve() {
-        control_.emplace();
-        duty_ = worker::Duty(terms_); // a rest is no idleness
-        leaving_ = false;
-        const net::Waker woken;
-        std::atomic<bool> ended = false;
-        std::optional<Result<worker::FinishReason>> outcome;
-        std::jthread thread([&] {
-            outcome = guarded([&] { return worker::run_worker(context_, options_, *control_); });
-            ended = true;
-            woken.wake();
-        });
-        while (!ended) {
-            net::wait({woken.fd(), signals_.fd()}, std::chrono::seconds(hours_ ? 1 : 60));
-            take_signals();
-            if (!on_duty() && !leaving_.exchange(true)) {
-                tell("its hours are over");
-                control_->drain();
-            }
-        }
-        thread.join();
-        return *outcome;
-    }
-
-    void take_signals() {
-        while (const auto signal = signals_.receive()) {
-            last_signal_ = *signal;
-            if (++signal_count_ == 1) {
-                notifier_.stopping("finishes the tiles at hand");
-                control_->drain();
-            } else {
-                notifier_.stopping("hands back the tiles at hand");
-                control_->stop_now();
-            }
-        }
-    }
-
-    worker::WorkerOptions& options_;
-    const std::optional<worker::Hours> hours_;
-    const worker::DutyTerms terms_;
-    worker::Duty duty_{terms_}; ///< of the worker that serves now
-    const net::SignalWatch& signals_;
-    const std::string opening_;
-    service::Logger logger_;
-    service::Notifier notifier_;
-    const net::Context context_;
-    std::optional<worker::Control> control_; ///< of the worker that serves now
-    bool is_ready_ = false;
-    std::atomic<bool> leaving_ = false;
-    worker::Duty::Verdict verdict_ = worker::Duty::Verdict::go_on;
-    std::atomic<int> signal_count_ = 0;
-    int last_signal_ = 0;
-};
-
 } // namespace
 
 int main(int argc, char** argv) try {
@@ -374,7 +202,15 @@ int main(int argc, char** argv) try {
     if (arguments.niceness > getpriority(PRIO_PROCESS, 0) && // whoever started it may know better
         setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
         return fail("--nice: " + std::error_code(errno, std::generic_category()).message());
-    return Service(arguments, signals, opening_line(options, *isa)).run();
+    const auto code = worker::Service({.program = program,
+                                       .worker = std::move(options),
+                                       .duty = arguments.duty,
+                                       .hours = arguments.hours,
+                                       .log = arguments.log,
+                                       .isa = *isa},
+                                      signals)
+                          .run();
+    return code ? *code : fail(code.error().message);
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());
     return 1;

@@ -9,13 +9,9 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
-#include <cstring>
-#include <memory>
-#include <netdb.h>
 #include <poll.h>
 #include <span>
-#include <system_error>
-#include <unistd.h>
+#include <sys/socket.h>
 #include <utility>
 
 namespace fraja::client::tev {
@@ -26,10 +22,6 @@ using namespace std::chrono_literals;
 constexpr Duration flush_pause = 200ms;
 constexpr Duration connect_max = 3s;
 constexpr Duration retry_first = 200ms, retry_max = 3s;
-
-std::string errno_text(int number) {
-    return std::error_code(number, std::generic_category()).message();
-}
 
 } // namespace
 
@@ -43,58 +35,23 @@ Result<Address> find_address(std::string_view text) {
     if (endpoint->transport != net::Endpoint::Transport::tcp || endpoint->host == "*" ||
         endpoint->port == 0)
         return wrong("tev listens at HOST:PORT");
-    std::string host = endpoint->host;
-    if (host.starts_with('[')) // IPv6
-        host = host.substr(1, host.size() - 2);
-    addrinfo wanted{};
-    wanted.ai_socktype = SOCK_STREAM;
-    addrinfo* found = nullptr;
-    const std::string service = std::to_string(endpoint->port);
-    if (const int error = ::getaddrinfo(host.c_str(), service.c_str(), &wanted, &found); error != 0)
-        return wrong(::gai_strerror(error));
-    const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner(found, ::freeaddrinfo);
-    Address address{.text = endpoint->host + ":" + service};
-    address.size = found->ai_addrlen;
-    std::memcpy(&address.socket, found->ai_addr, found->ai_addrlen);
-    return address;
+    const auto addresses = net::addresses_of(endpoint->host, endpoint->port);
+    if (!addresses)
+        return wrong(addresses.error().message);
+    return Address{endpoint->host + ":" + std::to_string(endpoint->port), *addresses};
 }
 
 /// The connection. Whatever waits here is woken by the waker.
 class Feed::Link {
 public:
-    explicit Link(const net::Waker& waker) : waker_(waker) {}
-    ~Link() {
-        if (fd_ >= 0)
-            ::close(fd_);
-    }
-    Link(const Link&) = delete;
-    Link& operator=(const Link&) = delete;
-
-    /// 0, or why not. A wake does not end it.
-    int connect(const Address& address, const std::stop_token& stop) {
-        fd_ = ::socket(address.socket.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-        if (fd_ < 0)
-            return errno;
-        const auto* const to = reinterpret_cast<const sockaddr*>(&address.socket);
-        if (::connect(fd_, to, address.size) == 0)
-            return 0;
-        if (errno != EINPROGRESS)
-            return errno;
-        const Instant end = net::now() + connect_max;
-        while (!stop.stop_requested() && net::now() < end)
-            if (wait(POLLOUT, end - net::now()) != 0)
-                break;
-        int error = ETIMEDOUT;
-        socklen_t size = sizeof error;
-        if (is_ready(POLLOUT))
-            ::getsockopt(fd_, SOL_SOCKET, SO_ERROR, &error, &size);
-        return error;
-    }
+    Link(net::TcpSocket socket, const net::Waker& waker)
+        : waker_(waker), socket_(std::move(socket)) {}
 
     /// Whether all of it has gone; not if the connection ends before, or it is to stop.
     bool send(std::span<const std::byte> bytes, const std::stop_token& stop) {
         while (!bytes.empty() && !stop.stop_requested()) {
-            const ssize_t n = ::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+            const ssize_t n =
+                ::send(socket_.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
             if (n > 0)
                 bytes = bytes.subspan(static_cast<std::size_t>(n));
             else if (errno == EAGAIN || errno == EWOULDBLOCK)
@@ -109,14 +66,14 @@ public:
     bool is_open() {
         std::array<std::byte, 256> rubbish;
         ssize_t n = 0;
-        while ((n = ::recv(fd_, rubbish.data(), rubbish.size(), MSG_DONTWAIT)) > 0) {
+        while ((n = ::recv(socket_.fd(), rubbish.data(), rubbish.size(), MSG_DONTWAIT)) > 0) {
         }
         return n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
     }
 
     /// Until there is what is asked for, or a wake; returns what poll() says of the connection.
     short wait(short events, Duration timeout) {
-        std::array<pollfd, 2> entries = {{{fd_, events, 0}, {waker_.fd(), POLLIN, 0}}};
+        std::array<pollfd, 2> entries = {{{socket_.fd(), events, 0}, {waker_.fd(), POLLIN, 0}}};
         const auto ms = std::chrono::ceil<std::chrono::milliseconds>(
             std::clamp<Duration>(timeout, Duration::zero(), 1min));
         if (::poll(entries.data(), entries.size(), static_cast<int>(ms.count())) > 0 &&
@@ -126,13 +83,8 @@ public:
     }
 
 private:
-    [[nodiscard]] bool is_ready(short events) const {
-        pollfd entry{fd_, events, 0};
-        return ::poll(&entry, 1, 0) == 1;
-    }
-
     const net::Waker& waker_;
-    int fd_ = -1;
+    net::TcpSocket socket_; ///< where there is none, only wakes are waited for
 };
 
 Feed::Feed(Address address) : address_(std::move(address)) {
@@ -183,20 +135,20 @@ void Feed::note(bool there, const std::string& text) {
 Result<void> Feed::run(const std::stop_token& stop) {
     Duration pause = retry_first;
     while (!stop.stop_requested()) {
-        Link link(waker_);
-        const int error = link.connect(address_, stop);
-        if (error == 0) {
+        auto connection = net::connect_to(address_.tcp, connect_max, {stop, &waker_});
+        if (connection) {
             pause = retry_first;
+            Link link(std::move(connection->socket), waker_);
             converse(link, stop);
             note(false, "tev at " + address_.text + " has gone; looking for it");
         } else {
-            note(false, "no tev at " + address_.text + " (" + errno_text(error) +
+            note(false, "no tev at " + address_.text + " (" + connection.error().message +
                             "): start tev there, or name another place, as --tev HOST:PORT; "
                             "looking for it");
         }
         const Instant again = net::now() + pause;
         while (!stop.stop_requested() && net::now() < again)
-            Link(waker_).wait(0, again - net::now());
+            Link({}, waker_).wait(0, again - net::now());
         pause = std::min(2 * pause, retry_max);
     }
     return {};

@@ -5,6 +5,7 @@
 #include "client/tev/canvas.hpp"
 #include "common/base/instant.hpp"
 #include "common/base/result.hpp"
+#include "common/net/tcp.hpp"
 #include "common/net/waker.hpp"
 
 #include <condition_variable>
@@ -12,16 +13,15 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <sys/socket.h>
 #include <thread>
+#include <vector>
 
 namespace fraja::client::tev {
 
 /// Where tev listens.
 struct Address {
     std::string text; ///< HOST:PORT
-    sockaddr_storage socket{};
-    socklen_t size = 0;
+    std::vector<net::TcpAddress> tcp;
 };
 /// "HOST:PORT" or "HOST"; may ask for a name and wait for the answer. Errors: invalid_argument.
 [[nodiscard]] Result<Address> find_address(std::string_view text);

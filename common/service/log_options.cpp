@@ -11,6 +11,12 @@ LogLevel LogOptions::least() const {
                                                    : LogLevel::debug;
 }
 
+ColorChoice LogOptions::color_choice() const {
+    return color == "always"  ? ColorChoice::always
+           : color == "never" ? ColorChoice::never
+                              : ColorChoice::automatic;
+}
+
 void add_log_options(CLI::App& app, LogOptions& options) {
     app.add_option("--log-level", options.level, "How much is said on stderr")
         ->envname("FRAJA_LOG_LEVEL")

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "common/base/log_line.hpp"
+#include "common/service/color.hpp"
 
 #include <string>
 
@@ -17,6 +18,7 @@ struct LogOptions {
 
     /// Of what is said at least.
     [[nodiscard]] LogLevel least() const;
+    [[nodiscard]] ColorChoice color_choice() const;
     [[nodiscard]] bool as_json() const { return format == "json"; }
 };
 

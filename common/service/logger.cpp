@@ -1,11 +1,14 @@
 #include "common/service/logger.hpp"
 
 #include "common/net/clock.hpp"
+#include "common/service/color.hpp"
+#include "common/service/journal.hpp"
 #include "common/service/json_line.hpp"
 
-#include <cstdlib>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <string_view>
+#include <unistd.h>
 #include <utility>
 
 namespace fraja::service {
@@ -25,21 +28,16 @@ spdlog::level::level_enum to_spdlog(LogLevel level) {
     return spdlog::level::err;
 }
 
-spdlog::color_mode color_mode(const std::string& choice) {
-    const char* no_color = std::getenv("NO_COLOR");
-    if (choice == "always")
-        return spdlog::color_mode::always;
-    return choice == "never" || (no_color && *no_color) ? spdlog::color_mode::never
-                                                        : spdlog::color_mode::automatic;
-}
-
 } // namespace
 
 Logger::Logger(std::string program, const LogOptions& options)
-    : program_(std::move(program)), as_json_(options.as_json()) {
-    auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(color_mode(options.color));
+    : program_(std::move(program)), as_json_(options.as_json()),
+      to_journal_(goes_to_journal(STDERR_FILENO)) {
+    auto sink = std::make_shared<spdlog::sinks::stderr_color_sink_mt>(
+        wants_color(options.color_choice(), STDERR_FILENO) ? spdlog::color_mode::always
+                                                           : spdlog::color_mode::never);
     logger_ = std::make_shared<spdlog::logger>(program_, std::move(sink));
-    logger_->set_pattern(as_json_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
+    logger_->set_pattern(as_json_ || to_journal_ ? "%v" : "%Y-%m-%d %H:%M:%S.%e %n %^%l%$ %v");
     set_level(options.least());
 }
 
@@ -68,12 +66,14 @@ void Logger::tell_due() {
 
 void Logger::write(const Told& told) {
     const auto level = to_spdlog(told.line.level);
+    const std::string_view prefix = to_journal_ ? journal_prefix(told.line.level) : "";
     if (as_json_)
-        logger_->log(level, "{}", json_line(std::chrono::system_clock::now(), program_, told));
+        logger_->log(level, "{}{}", prefix,
+                     json_line(std::chrono::system_clock::now(), program_, told));
     else if (told.more > 0)
-        logger_->log(level, "{} (and {} more like it)", told.line.text, told.more);
+        logger_->log(level, "{}{} (and {} more like it)", prefix, told.line.text, told.more);
     else
-        logger_->log(level, "{}", told.line.text);
+        logger_->log(level, "{}{}", prefix, told.line.text);
 }
 
 } // namespace fraja::service

@@ -1,5 +1,6 @@
 // Logger: the log of a program that runs for long, on stderr: one line for each event, as text or
-// JSON, and no floods.
+// JSON, and no floods. In systemd's journal, which has time, program and level itself, a line is
+// its text.
 #pragma once
 
 #include "common/base/log_line.hpp"
@@ -35,7 +36,7 @@ private:
     void write(const Told& told);
 
     std::string program_;
-    bool as_json_;
+    bool as_json_, to_journal_;
     std::shared_ptr<spdlog::logger> logger_;
     std::mutex mutex_; ///< of what follows
     Repeats repeats_;

@@ -93,7 +93,7 @@ TEST_CASE("fraja-submit reads every option") {
           std::vector<std::string>{"tcp://h1:50057", "tcp://h2:99", "tcp://h3:50057"});
     CHECK(o.shared.connect_timeout == 250ms);
     CHECK(o.shared.console.level == LogLevel::debug);
-    CHECK(o.shared.console.color == ColorChoice::never);
+    CHECK(o.shared.console.color == service::ColorChoice::never);
     CHECK(submit("a.raj -r 64x48").settings.crop == PixelRect{0, 0, 64, 48});
     CHECK(submit("a.raj --local -j 3").local_threads == 3);
     CHECK(submit("a.raj --detach").output.empty());

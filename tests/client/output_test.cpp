@@ -181,20 +181,20 @@ TEST_CASE("a tile's line has its place, size, worker, time and rays") {
 }
 
 TEST_CASE("a console speaks by level, without colour or returns off a terminal") {
-    Written w({"prog", LogLevel::warning, false, ColorChoice::automatic});
+    Written w({"prog", LogLevel::warning, false, service::ColorChoice::automatic});
     w.console.debug("no");
     w.console.info("no");
     w.console.warning("careful");
     w.console.error("bad");
     w.console.located_warning("a.raj:1:2: hm");
     CHECK(w.text() == "prog: warning: careful\nprog: error: bad\nwarning: a.raj:1:2: hm\n");
-    Written coloured({"prog", LogLevel::info, false, ColorChoice::always});
+    Written coloured({"prog", LogLevel::info, false, service::ColorChoice::always});
     coloured.console.error("bad");
     CHECK(coloured.text() == "prog: \x1b[1;31merror: \x1b[0mbad\n");
 }
 
 TEST_CASE("a message goes above the line that is redrawn") {
-    Written w({"prog", LogLevel::info, false, ColorChoice::never});
+    Written w({"prog", LogLevel::info, false, service::ColorChoice::never});
     w.console.redraw("50%");
     w.console.info("hello");
     w.console.redraw("60%");
@@ -378,7 +378,7 @@ TEST_CASE("a picture tells what it took, unless two renders are to give the same
 }
 
 TEST_CASE("messages may be objects, whatever they say") {
-    Written written({"fraja-test", LogLevel::info, true, ColorChoice::automatic});
+    Written written({"fraja-test", LogLevel::info, true, service::ColorChoice::automatic});
     written.console.warning("line one\nline \xff two");
     written.console.located_error("a.raj:1:2: no such \"thing\"");
     written.console.debug("not told");

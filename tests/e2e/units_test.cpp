@@ -109,6 +109,30 @@ TEST_CASE("the broker's unit starts one that is ready, alive, and says that it s
     CHECK(broker.wait_for_exit(patience) == 0);
 }
 
+TEST_CASE("the broker's unit reloads it, and the journal gets lines with its own levels") {
+    const Scratch scratch;
+    const Manager manager(scratch.file("notify"));
+    const std::string command =
+        replaced(value("fraja-broker", "ExecStart"), "127.0.0.1:50059", "127.0.0.1:0");
+    Process broker = start(
+        "env JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) " + command, // systemd.exec(5)
+        with(manager.environment(), {"STATE_DIRECTORY=" + scratch.file("state"),
+                                     "FRAJA_BROKER_OPTIONS=--bind tcp://127.0.0.1:0 "
+                                     "--publish tcp://127.0.0.1:0"}));
+    manager.wait_for("READY=1");
+    INFO(broker.story());
+    const auto says = [&](std::string_view words) {
+        return broker.wait_for_words(Process::Stream::err, words, patience).has_value();
+    };
+    CHECK(says("<6>jobs are kept in "));
+    Process reload = start(replaced(value("fraja-broker", "ExecReload"), "$$", "$"),
+                           {"MAINPID=" + std::to_string(broker.pid())});
+    CHECK(reload.wait_for_exit(patience) == 0);
+    CHECK(says("<6>read its options again"));
+    broker.send(SIGTERM);
+    CHECK(broker.wait_for_exit(patience) == 0);
+}
+
 TEST_CASE("the worker's unit drains to stop, and hands back at a second TERM") {
     const Scratch scratch;
     Farm farm({"--heartbeat", heartbeat_option});

@@ -1,0 +1,169 @@
+#include "worker/service.hpp"
+
+#include "common/base/guarded.hpp"
+#include "common/base/resident_memory.hpp"
+#include "common/base/text.hpp"
+#include "common/net/clock.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <fmt/core.h>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace fraja::worker {
+namespace {
+
+enum Exit : int { done = 0, refused = 4, start_again = 75, interrupted = 128 };
+
+int exit_code(FinishReason reason, int last_signal) {
+    switch (reason) {
+    case FinishReason::drained:
+    case FinishReason::dismissed:
+        return Exit::done;
+    case FinishReason::stopped:
+        return Exit::interrupted + last_signal;
+    case FinishReason::version_mismatch:
+        return Exit::refused;
+    }
+    return Exit::done;
+}
+
+std::string opening_line(const WorkerOptions& options, const std::string& isa) {
+    if (options.emulated.empty())
+        return fmt::format("'{}' serves with {} on {}", options.name,
+                           counted(options.threads, "thread"), isa);
+    std::string speeds;
+    for (const EmulatedWorkers& e : options.emulated)
+        speeds +=
+            fmt::format("{}{} of {:g} rays/s", speeds.empty() ? "" : ", ", e.count, e.rays_per_s);
+    return fmt::format("'{}' EMULATES {} ({} and thread) with {} each: they answer "
+                       "when it is time, and do not draw (but once for all, on {})",
+                       options.name, counted(emulated_count(options), "worker"), speeds,
+                       counted(options.threads, "thread"), isa);
+}
+
+} // namespace
+
+Service::Service(ServiceOptions options, const net::SignalWatch& signals)
+    : options_(std::move(options)), signals_(signals),
+      opening_(opening_line(options_.worker, options_.isa)),
+      logger_(options_.program, options_.log), duty_(options_.duty) {
+    options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
+    options_.worker.on_listening = [](const std::vector<std::string>& endpoints) {
+        for (const std::string& endpoint : endpoints)
+            fmt::print("listening {}\n", endpoint);
+        std::fflush(stdout);
+    };
+    options_.worker.on_turn = [this](const Load& load) { look_at(load); };
+}
+
+Result<int> Service::run() {
+    tell(opening_);
+    for (;;) {
+        if (!wait_for_hours())
+            return Exit::done; // told to leave while nothing was at hand
+        const auto outcome = serve();
+        if (!outcome)
+            return outcome.error();
+        if (signal_count_ > 0 || *outcome != FinishReason::drained)
+            return exit_code(*outcome, last_signal_);
+        if (verdict_ != Duty::Verdict::go_on)
+            return verdict_ == Duty::Verdict::enough ? Exit::done : Exit::start_again;
+    }
+}
+
+void Service::tell(const std::string& text) {
+    logger_.log({LogLevel::info, {}, {}, text});
+}
+bool Service::on_duty() const {
+    return !options_.hours || options_.hours->contains(minute_now());
+}
+
+/// From the worker's thread, about once a second.
+void Service::look_at(const Load& load) {
+    if (!std::exchange(is_ready_, true))
+        notifier_.ready(opening_);
+    notifier_.alive(net::now());
+    logger_.tell_due();
+    if (leaving_ || signal_count_ > 0)
+        return;
+    const std::uint64_t resident = options_.duty.memory_max > 0 ? resident_bytes() : 0;
+    verdict_ = duty_.judge(net::now(), load, resident);
+    if (verdict_ == Duty::Verdict::go_on)
+        return;
+    leave(verdict_ == Duty::Verdict::enough
+              ? "has served enough"
+              : fmt::format("has grown to {} MiB: leaves to be started again", resident >> 20));
+}
+
+/// Finishes the tiles at hand first.
+void Service::leave(const std::string& why) {
+    leaving_ = true;
+    tell(why);
+    notifier_.stopping(why);
+    control_->drain();
+}
+
+/// Whether they have come; not where a signal came first.
+bool Service::wait_for_hours() {
+    for (bool told = false; !on_duty(); told = true) {
+        const std::string text = "rests until " + time_of_day(options_.hours->begin_min);
+        if (!told) {
+            tell(text);
+            is_ready_ ? notifier_.status(text) : notifier_.ready(text);
+            is_ready_ = true;
+        }
+        notifier_.alive(net::now());
+        net::wait({signals_.fd()}, std::chrono::seconds(1));
+        if (signals_.receive())
+            return false;
+        if (on_duty()) {
+            tell("serves again");
+            notifier_.status(opening_);
+        }
+    }
+    return true;
+}
+
+/// Runs the worker in a thread of its own while this one watches signals and hours.
+Result<FinishReason> Service::serve() {
+    control_.emplace();
+    duty_ = Duty(options_.duty); // a rest is no idleness
+    leaving_ = false;
+    const net::Waker woken;
+    std::atomic<bool> ended = false;
+    std::optional<Result<FinishReason>> outcome;
+    std::jthread thread([&] {
+        outcome = guarded([&] { return run_worker(context_, options_.worker, *control_); });
+        ended = true;
+        woken.wake();
+    });
+    while (!ended) {
+        net::wait({woken.fd(), signals_.fd()}, std::chrono::seconds(options_.hours ? 1 : 60));
+        take_signals();
+        if (!on_duty() && !leaving_.exchange(true)) {
+            tell("its hours are over");
+            control_->drain();
+        }
+    }
+    thread.join();
+    return *outcome;
+}
+
+void Service::take_signals() {
+    while (const auto signal = signals_.receive()) {
+        last_signal_ = *signal;
+        if (++signal_count_ == 1) {
+            notifier_.stopping("finishes the tiles at hand");
+            control_->drain();
+        } else {
+            notifier_.stopping("hands back the tiles at hand");
+            control_->stop_now();
+        }
+    }
+}
+
+} // namespace fraja::worker
