@@ -82,10 +82,10 @@ private:
     void for_each_spot(const protocol::CellRect& cells, Visit visit) const;
 
     protocol::CellGrid grid_;
+    double camera_rays_ = 1;
     std::uint32_t spot_side_ = 1, spot_columns_ = 0; ///< the side in cells
     std::uint32_t block_side_ = 1, block_columns_ = 0, block_rows_ = 0;
     std::vector<Spot> spots_;
-    double camera_rays_ = 1;
     bool probed_ = false;
     double done_work_ = 0, done_pixels_ = 0;
     double done_prior_ = 0; ///< what the prior said of what is done

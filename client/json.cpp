@@ -63,6 +63,7 @@ Json job_object(const protocol::JobState& s) {
     json["cell_count"] = s.cell_count;
     json["done_count"] = s.done_count;
     json["share_done"] = s.share_done;
+    json["share_per_s"] = s.share_per_s;
     json["in_flight_count"] = s.in_flight_count;
     json["worker_count"] = s.worker_count;
     add_counts(json, s.rays);

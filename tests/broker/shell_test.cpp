@@ -101,7 +101,7 @@ TEST_CASE("bytes that are no message are answered and harm nobody") {
         CHECK(client->send(Packet{to_bytes(noise), to_bytes("\xdd\xff\xff\xff\xff"), {}}) ==
               net::SendStatus::sent);
     Packet other_version = encode(Beat{});
-    other_version.header[4] = std::byte{9};
+    other_version.header[4] = std::byte(version + 1);
     CHECK(client->send(other_version) == net::SendStatus::sent);
     for (int i = 0; i < 4; ++i)
         CHECK(expect<Refused>(*client).code == RefusalCode::malformed);

@@ -14,7 +14,7 @@ using namespace std::chrono_literals;
 namespace {
 
 /// Of ten frames.
-struct Film {
+struct TenFrames {
     std::unique_ptr<std::FILE, decltype(&std::fclose)> out{std::tmpfile(), &std::fclose};
     Console console{{.program = "fraja-submit"}, out.get()};
     FilmProgress progress{console, ProgressMode::none, "cone", FilmId{}, Instant{}};
@@ -29,7 +29,7 @@ struct Film {
 } // namespace
 
 TEST_CASE("a film's line tells frames, speed, and time left by all frames at hand together") {
-    Film film;
+    TenFrames film;
     CHECK(film_line(film.at(0s, {})) == "cone  0 of 10 frames  0%  0:00");
     const FilmView& view = film.at(
         20s,
@@ -47,7 +47,7 @@ TEST_CASE("a film's line tells frames, speed, and time left by all frames at han
 }
 
 TEST_CASE("a film is whole when its last frame is written or given up, not before") {
-    Film film;
+    TenFrames film;
     CHECK(film.at(9s, {.written = 9, .at_hand = 1, .share_at_hand = 1}).percent() == 99);
     const FilmView& over = film.at(10s, {.written = 9, .given_up = 1, .rays = 10'000});
     CHECK(over.percent() == 100);
