@@ -13,7 +13,9 @@ using namespace std::chrono_literals;
 constexpr Duration hello_repeat = 1s;        // unanswered
 constexpr Duration hello_pause_first = 10ms; // not even sent: the connection is being made
 constexpr Duration hello_pause_max = 500ms;
-constexpr Duration turn_max = 2s; // for one of several brokers
+constexpr Duration turn_max = 2s;  // for one of several brokers
+constexpr int losses_max = 3;      // as often the silence that is borne is doubled
+constexpr int forgiven_after = 10; // times as long as that: losses are forgotten
 
 } // namespace
 
@@ -71,8 +73,9 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
     welcome_ = welcome;
     welcome_.liveness = std::clamp(welcome_.liveness, 1u, 1000u);
     heartbeat_ = std::clamp<Duration>(welcome_.heartbeat, 10ms, 1min);
-    silence_max_ = heartbeat_ * welcome_.liveness;
+    silence_max_ = heartbeat_ * welcome_.liveness * (1 << losses_);
     open_ = true;
+    opened_at_ = now;
     beat_due_ = now + heartbeat_;
     silent_at_ = now + silence_max_;
     if (first || known_lost_)
@@ -98,6 +101,7 @@ Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
     if (open_ && now >= silent_at_) {
         open_ = false;
         known_lost_ = true;
+        losses_ = std::min(losses_ + 1, losses_max);
         looking_since_ = now;
         actions.push_back(News(ConnectionChanged{false, broker(), {}}));
         broker_ = (broker_ + 1) % options_.brokers.size();
@@ -107,6 +111,8 @@ Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
             actions.push_back(Send{protocol::Beat{}});
             beat_due_ = now + heartbeat_;
         }
+        if (now - opened_at_ >= forgiven_after * silence_max_)
+            losses_ = 0;
     } else if (!patient_ && now >= looking_since_ + options_.connect_timeout) {
         std::string tried;
         for (const std::string& name : options_.brokers)

@@ -1,5 +1,7 @@
 // Session: the client's end of a session with one of several brokers. Says hello until it is
-// welcome, beats, notices silence, and finds back after a broker's restart.
+// welcome, beats, notices silence, and finds back after a broker's restart. A broker that was given
+// up more than once may have been slow, not gone: so that all who ask it anew do not keep it so, it
+// is given longer each time.
 #pragma once
 
 #include "client/core.hpp"
@@ -55,6 +57,8 @@ private:
     bool ended_ = false;
     bool patient_ = false;
     bool known_lost_ = false; ///< and said so
+    int losses_ = 0;          ///< of late: each doubles the silence that the next one takes
+    Instant opened_at_{};
     protocol::Welcome welcome_;
     Outcome failure_;
 

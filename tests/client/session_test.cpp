@@ -103,6 +103,30 @@ TEST_CASE("a silent broker is lost, said so once, and looked for without end whe
     CHECK(d.actions.size() == 1); // found again
 }
 
+TEST_CASE("a broker that was silent more than once is given longer each time, and then forgiven") {
+    Driver d({"a"});
+    d.session.set_patient(true);
+    const auto silence_borne = [&] { // from the welcome to the loss
+        REQUIRE(d.step(welcome()) == Session::Change::opened);
+        const Instant opened = d.now;
+        do
+            (void)d.tick_at_deadline();
+        while (!d.connected_to());
+        return d.now - opened;
+    };
+    for (const Duration borne : {3s, 6s, 12s, 24s, 24s})
+        CHECK(silence_borne() == borne);
+    REQUIRE(d.step(welcome()) == Session::Change::opened);
+    for (int beat = 0; beat <= 240; ++beat) { // 10 times 24 s, each answered
+        (void)d.tick_at_deadline();
+        (void)d.step(FromBroker{protocol::Beat{}});
+    }
+    do
+        (void)d.tick_at_deadline();
+    while (!d.connected_to());
+    CHECK(silence_borne() == 6s); // that was the first one again
+}
+
 TEST_CASE("a broker that does not know us is greeted again on the same connection") {
     Driver d({"a", "b"});
     (void)d.step(welcome());
