@@ -19,12 +19,7 @@ std::string film_line(const FilmView& v) {
     if (v.moment.at_hand > 0)
         line += fmt::format(", {} at hand", v.moment.at_hand);
     line += fmt::format("  {}%", v.percent());
-    if (v.rays_per_s > 0)
-        line += "  " + format_rate(v.rays_per_s);
-    line += "  " + format_duration(v.elapsed);
-    if (v.remaining)
-        line += " < " + format_duration(*v.remaining);
-    return line;
+    return line + format_pace(v.rays_per_s, v.elapsed, v.remaining);
 }
 
 FilmProgress::FilmProgress(Console& console, ProgressMode mode, std::string film_name, FilmId film,

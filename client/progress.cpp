@@ -27,6 +27,11 @@ std::string format_rate(double rays_per_s) {
     return fmt::format("{:.{}f} {}ray/s", rays_per_s, decimals, prefixes[power]);
 }
 
+std::string format_pace(double rays_per_s, Duration elapsed, std::optional<Duration> remaining) {
+    return (rays_per_s > 0 ? "  " + format_rate(rays_per_s) : "") + "  " +
+           format_duration(elapsed) + (remaining ? " < " + format_duration(*remaining) : "");
+}
+
 double share_done(const protocol::JobState& s) {
     if (!s.settings.limited_in_time())
         return std::clamp(s.share_done, 0.0, 1.0);
@@ -53,12 +58,7 @@ std::string progress_line(const ProgressView& v) {
         line += "  waiting for workers";
     else if (v.worker_count > 0)
         line += "  " + counted(v.worker_count, "worker");
-    if (v.rays_per_s > 0)
-        line += "  " + format_rate(v.rays_per_s);
-    line += "  " + format_duration(v.elapsed);
-    if (v.remaining)
-        line += " < " + format_duration(*v.remaining);
-    return line;
+    return line + format_pace(v.rays_per_s, v.elapsed, v.remaining);
 }
 
 void RateMeter::update(Duration elapsed, std::uint64_t rays) {

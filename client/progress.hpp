@@ -42,6 +42,9 @@ struct ProgressView {
 
 /// "38.1 Mray/s": three digits and a prefix.
 [[nodiscard]] std::string format_rate(double rays_per_s);
+/// "  38.1 Mray/s  0:42 < 0:25": the end of a line, as far as these are known.
+[[nodiscard]] std::string format_pace(double rays_per_s, Duration elapsed,
+                                      std::optional<Duration> remaining);
 
 /// How many rays a second were traced of late.
 class RateMeter {
