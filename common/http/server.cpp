@@ -27,6 +27,7 @@ namespace fraja::http {
 namespace {
 
 constexpr Duration accept_pause = std::chrono::milliseconds(100); // where there is no descriptor
+constexpr int keepalive_idle_s = 60, keepalive_interval_s = 10;   // nine probes: 150 s in all
 
 enum class PeerId : std::uint64_t {};
 
@@ -171,6 +172,11 @@ private:
     void welcome(int fd, Instant now) {
         const int yes = 1;
         setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+        // A machine that is gone without a word does not keep a stream for ever.
+        setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &yes, sizeof yes);
+        setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &keepalive_idle_s, sizeof keepalive_idle_s);
+        setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &keepalive_interval_s,
+                   sizeof keepalive_interval_s);
         const auto has_room = [&] { return peers_.size() < setup_.limits.connections_max; };
         while (!has_room() && give_one_up()) {
         }
