@@ -296,7 +296,7 @@ private:
 
     /// What has become of those on their way.
     void gather() {
-        bool connected = true;
+        bool connected = true, any_knows = false; // who is over without a broker has not found it
         std::vector<std::size_t> over;
         {
             const std::lock_guard lock(shared_.mutex);
@@ -304,7 +304,10 @@ private:
                 if (const auto& job = running_.begin()->second.state->job)
                     wait_.update(net::now(), *job, worker_cure(broker_));
             for (const auto& [index, one] : running_) {
-                connected = connected && one.state->connected;
+                const bool failed =
+                    one.state->outcome && one.state->outcome->code != ExitCode::done;
+                connected = connected && (failed || one.state->connected);
+                any_knows = any_knows || !failed;
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
                 accepted_ = accepted_ || one.state->job;
@@ -316,7 +319,7 @@ private:
                     over.push_back(index);
             }
         }
-        if (connected != connected_ && (!connected || over.empty())) {
+        if (connected != connected_ && (!connected || any_knows)) {
             connected_ = connected;
             if (connected)
                 console_.info("found the broker at " + broker_ + " again");

@@ -76,9 +76,9 @@ function(fraja_test_settings target)
     endif()
 endfunction()
 
-# fraja_test(<name> SOURCES ... LINKS ... [LABELS ...]): a doctest program; each TEST_CASE becomes one ctest test.
+# fraja_test(<name> SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROCESSORS n]): a doctest program; each TEST_CASE becomes one ctest test.
 function(fraja_test name)
-    cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+    cmake_parse_arguments(ARG "" "TIMEOUT;PROCESSORS" "SOURCES;LINKS;LABELS" ${ARGN})
     set(target ${name}_test)
     if(NOT TARGET fraja_test_main) # doctest itself is compiled once
         add_library(fraja_test_main OBJECT ${PROJECT_SOURCE_DIR}/tests/support/main.cpp)
@@ -92,6 +92,9 @@ function(fraja_test name)
         set(ARG_TIMEOUT 300)
     endif()
     set(properties TIMEOUT ${ARG_TIMEOUT})
+    if(ARG_PROCESSORS)
+        list(APPEND properties PROCESSORS ${ARG_PROCESSORS})
+    endif()
     if(ARG_LABELS)
         list(APPEND properties LABELS ${ARG_LABELS})
     endif()
