@@ -10,7 +10,7 @@
 
 namespace fraja::broker {
 
-/// Of a pixel of such a picture, or of a pass of it.
+/// So many at least has each pixel of such a picture, or of a pass of it.
 [[nodiscard]] double camera_rays_min(const protocol::PictureSettings& settings);
 
 /// Tiles that are being drawn, together.

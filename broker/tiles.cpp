@@ -28,18 +28,24 @@ constexpr double late_share = 0.5;
 } // namespace
 
 /// The job's tiles that are being drawn, going by their workers' speeds and by when they began; of
-/// those whose scene has to come first, by what has been heard.
+/// those whose scene has to come first, by what has been heard. None of a picture with a time
+/// limit, which the clock tells all of.
 TilesBegun Dispatcher::begun(const Job& job) const {
     TilesBegun all;
+    if (job.submission().settings.limited_in_time())
+        return all;
     for (const auto& [peer, count] : job.workers()) {
         const auto worker = workers_.find(peer);
         if (worker == workers_.end())
             continue;
         const double speed = speed_of(worker->second);
-        for (const auto& [key, grant] : worker->second.grants) {
+        const auto& grants = worker->second.grants;
+        for (auto at = grants.lower_bound({job.id(), {}, {}});
+             at != grants.end() && at->first.job == job.id(); ++at) {
+            const auto& [key, grant] = *at;
             const bool is_drawn =
                 grant.fetches_scene ? grant.has_begun() : grant.started_at.has_value();
-            if (key.job != job.id() || !is_drawn || !job.assigned_alone_as(grant.id, key.attempt))
+            if (!is_drawn || !job.assigned_alone_as(grant.id, key.attempt))
                 continue;
             const double work = grant.fetches_scene ? static_cast<double>(grant.rays)
                                                     : seconds(now_ - *grant.started_at) * speed;
