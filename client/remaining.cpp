@@ -19,7 +19,6 @@ Duration smoothing(Duration elapsed) {
 
 void Remaining::update(Duration elapsed, double share, double share_per_s) {
     share_ = share;
-    elapsed_ = elapsed;
     if (share_per_s <= 0) {
         if (elapsed - paced_at_ > standing_still)
             pace_ = 0;

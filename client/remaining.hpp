@@ -18,7 +18,6 @@ public:
     [[nodiscard]] std::optional<Duration> left() const;
 
 private:
-    Duration elapsed_{};
     Duration paced_at_{}; ///< when there was a pace
     double share_ = 0;
     double pace_ = 0; ///< share per second, smoothed; 0: not known

@@ -53,7 +53,7 @@ public:
         : options_(options), console_(console), preview_(console, preview_mode(options, console)),
           progress_(console, progress_mode(options.shared.progress, console, preview_.is_on()),
                     net::now()),
-          wait_(console, ProgressReport::chosen(options.shared.progress, console)),
+          mode_(ProgressReport::chosen(options.shared.progress, console)), wait_(console, mode_),
           tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()),
           keys_(lines_on_terminal() ? RawKeys::take() : std::nullopt) {}
 
@@ -95,8 +95,7 @@ public:
             if (const auto written = file_.finish(*picture_); !written)
                 fail(written.error());
             else if (!options_.output.empty() && picture_->pixels_placed() > 0)
-                tell(console_, ProgressReport::chosen(options_.shared.progress, console_), "wrote",
-                     "wrote " + options_.output);
+                tell(console_, mode_, "wrote", "wrote " + options_.output);
         }
         if (failure_)
             return *failure_;
@@ -175,6 +174,7 @@ private:
     Console& console_;
     LivePreview preview_;
     ProgressReport progress_;
+    const ProgressMode mode_;
     WaitNotice wait_;
     std::unique_ptr<tev::Feed> tev_;
     bool shows_lines_;
