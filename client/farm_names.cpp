@@ -60,8 +60,7 @@ std::string meant_in_farm(const SharedOptions& shared, std::string_view value,
     std::vector<std::string_view> names;
     for (const cli::Candidate& candidate : known)
         names.push_back(candidate.word);
-    const auto meant = meant_name(name, names);
-    return meant ? " (did you mean '" + std::string(*meant) + "'?)" : "";
+    return did_you_mean(meant_name(name, names));
 }
 
 cli::NameSource farm_name_source(const SharedArguments& shared) {

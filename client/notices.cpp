@@ -21,12 +21,10 @@ void tell(Console& console, ProgressMode mode, std::string_view event, const std
 
 SearchNotice::SearchNotice(Console& console, ProgressMode mode,
                            const std::vector<std::string>& brokers, Instant now)
-    : console_(console), mode_(mode), text_("looking for a broker at "),
+    : console_(console), mode_(mode),
+      text_("looking for a broker at " + comma_list(brokers) + " ..."),
       due_(mode == ProgressMode::none ? Instant::never() : now + unsaid_max) {
     FRAJA_ASSERT(mode != ProgressMode::automatic);
-    for (std::size_t i = 0; i < brokers.size(); ++i)
-        text_ += (i > 0 ? ", " : "") + brokers[i];
-    text_ += " ...";
 }
 
 Instant SearchNotice::tick(Instant now) {

@@ -1,5 +1,6 @@
 #include "client/session.hpp"
 
+#include "common/base/text.hpp"
 #include "common/base/version.hpp"
 
 #include <algorithm>
@@ -114,10 +115,8 @@ Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
         if (now - opened_at_ >= forgiven_after * silence_max_)
             losses_ = 0;
     } else if (!patient_ && now >= looking_since_ + options_.connect_timeout) {
-        std::string tried;
-        for (const std::string& name : options_.brokers)
-            tried += (tried.empty() ? "" : ", ") + name;
-        return end(Change::gave_up, {ExitCode::unreachable, "no broker answers at " + tried});
+        return end(Change::gave_up,
+                   {ExitCode::unreachable, "no broker answers at " + comma_list(options_.brokers)});
     } else if (now >= turn_ends_) {
         broker_ = (broker_ + 1) % options_.brokers.size();
         look_for_broker(now, actions);

@@ -27,13 +27,6 @@ namespace {
 
 constexpr Duration farm_look_pause = std::chrono::seconds(1); // what has become of our own
 
-std::string joined(const std::vector<std::string>& endpoints) {
-    std::string all;
-    for (const std::string& endpoint : endpoints)
-        all += (all.empty() ? "" : ", ") + endpoint;
-    return all;
-}
-
 /// Keeps the picture, the progress and the sums while a submission runs.
 class SubmitListener final : public Listener {
 public:
@@ -63,7 +56,7 @@ public:
         if (!gave_up_)
             return std::nullopt;
         return Outcome{ExitCode::unreachable,
-                       "no worker takes tiles at " + joined(options_.direct) +
+                       "no worker takes tiles at " + comma_list(options_.direct) +
                            ": none listens there, or all serve somebody else" +
                            (options_.wishes.tags.empty() ? "" : ", or none has the tags") +
                            " (--connect-timeout says how long to wait for the first)"};
@@ -128,7 +121,7 @@ private:
             wait_.update(now, state,
                          options_.direct.empty()
                              ? worker_cure(broker_)
-                             : "none answers yet at " + joined(options_.direct));
+                             : "none answers yet at " + comma_list(options_.direct));
     }
     /// Of those that --direct names, none has been given a tile yet.
     [[nodiscard]] bool waits_for_workers() const {
@@ -226,8 +219,8 @@ private:
             fmt::print("output    {}\n", options_.output);
         fmt::print("broker    {}\n", options_.local ? "none: in this process"
                                      : !options_.direct.empty()
-                                         ? "none: workers at " + joined(options_.direct)
-                                         : joined(options_.shared.brokers));
+                                         ? "none: workers at " + comma_list(options_.direct)
+                                         : comma_list(options_.shared.brokers));
     }
 
     Outcome render(SubmitListener& listener) {

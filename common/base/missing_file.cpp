@@ -31,7 +31,7 @@ std::string missing_file(const fs::path& path) {
     const auto names = names_in(path.has_parent_path() ? path.parent_path() : fs::path("."));
     const std::vector<std::string_view> views(names.begin(), names.end());
     if (const auto meant = meant_name(path.filename().string(), views))
-        return opening + " (did you mean '" + (path.parent_path() / *meant).string() + "'?)";
+        return opening + did_you_mean((path.parent_path() / *meant).string());
     std::error_code error;
     const fs::path here = fs::current_path(error);
     return opening + (path.is_absolute() ? "" : " in " + (error ? "this folder" : here.string()));

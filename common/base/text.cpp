@@ -140,6 +140,17 @@ std::string counted(std::uint64_t count, std::string_view what) {
     return std::to_string(count) + " " + std::string(what) + (count == 1 ? "" : "s");
 }
 
+std::string did_you_mean(std::optional<std::string_view> name) {
+    return name ? " (did you mean '" + std::string(*name) + "'?)" : "";
+}
+
+std::string comma_list(std::span<const std::string> words) {
+    std::string all;
+    for (const std::string& word : words)
+        all += (all.empty() ? "" : ", ") + word;
+    return all;
+}
+
 std::optional<std::string_view> nearest_name(std::string_view name,
                                              std::span<const std::string_view> candidates) {
     constexpr std::size_t name_letters_max = 200; // longer ones are no typing slip

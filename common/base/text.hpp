@@ -41,6 +41,12 @@ nearest_name(std::string_view name, std::span<const std::string_view> candidates
 [[nodiscard]] std::optional<std::string_view>
 meant_name(std::string_view name, std::span<const std::string_view> candidates);
 
+/// " (did you mean 'cone'?)", or nothing where there is no name.
+[[nodiscard]] std::string did_you_mean(std::optional<std::string_view> name);
+
+/// "a, b, c".
+[[nodiscard]] std::string comma_list(std::span<const std::string> words);
+
 /// UTF-8 without the bytes that could move a terminal's cursor or make one line two: names and
 /// reasons come from others.
 [[nodiscard]] std::string printable(std::string_view text);

@@ -20,8 +20,7 @@ constexpr const char* no_keys_yet =
 /// fingers.
 std::string meant(const std::string& word, const std::vector<std::string>& names) {
     const std::vector<std::string_view> views(names.begin(), names.end());
-    const auto name = meant_name(word, views);
-    return name ? " (did you mean '" + std::string(*name) + "'?)" : "";
+    return did_you_mean(meant_name(word, views));
 }
 
 std::vector<std::string> commands_of(const CLI::App& app) {

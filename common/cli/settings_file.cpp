@@ -79,10 +79,8 @@ private:
     /// With the name that may have been meant.
     [[nodiscard]] Error unknown(const toml::key& key, const std::string& what,
                                 std::span<const std::string_view> known) const {
-        const auto near = nearest_name(key.str(), known);
         return mistake(key.source(), what + " '" + printable(key.str()) + "'" +
-                                         (near ? " (did you mean '" + std::string(*near) + "'?)"
-                                               : std::string()));
+                                         did_you_mean(nearest_name(key.str(), known)));
     }
 
     Result<void> take_table(const toml::key& key, const toml::table& table) {

@@ -7,7 +7,6 @@
 #include <httplib.h>
 #include <sys/socket.h>
 #include <system_error>
-#include <utility>
 
 namespace fraja::http {
 namespace {
@@ -39,10 +38,8 @@ public:
 
 Address address_of(const net::Endpoint& endpoint) {
     FRAJA_ASSERT(endpoint.transport == net::Endpoint::Transport::tcp);
-    std::string host = endpoint.host == "*" ? every_interface : endpoint.host;
-    if (host.starts_with('[') && host.ends_with(']'))
-        host = host.substr(1, host.size() - 2);
-    return {std::move(host), endpoint.port};
+    return {endpoint.host == "*" ? every_interface : net::without_brackets(endpoint.host),
+            endpoint.port};
 }
 
 std::string to_string(const Address& address) {

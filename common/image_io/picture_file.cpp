@@ -53,7 +53,7 @@ Result<Format> find_format(const std::filesystem::path& path, Extent extent) {
     if (extension.size() < 2)
         message.append(": the extension names the format; use one of").append(all);
     else if (const auto nearest = nearest_name(extension.substr(1), names))
-        message.append(": unknown extension (did you mean '.").append(*nearest).append("'?)");
+        message += ": unknown extension" + did_you_mean("." + std::string(*nearest));
     else
         message.append(": unknown extension; use one of").append(all);
     return Error{ErrorCode::invalid_argument, std::move(message)};

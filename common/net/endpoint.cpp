@@ -72,6 +72,10 @@ std::string to_string(const Endpoint& e) {
     return {};
 }
 
+std::string without_brackets(const std::string& host) {
+    return host.starts_with('[') && host.ends_with(']') ? host.substr(1, host.size() - 2) : host;
+}
+
 bool is_loopback(const Endpoint& e) {
     return e.transport != Endpoint::Transport::tcp || e.host == "localhost" || e.host == "[::1]" ||
            e.host.starts_with("127.");

@@ -30,6 +30,9 @@ struct Endpoint {
 [[nodiscard]] Result<Endpoint> parse_endpoint(std::string_view text, std::uint16_t default_port);
 [[nodiscard]] std::string to_string(const Endpoint& endpoint);
 
+/// Of an endpoint's host: brackets are an endpoint's, not an address's.
+[[nodiscard]] std::string without_brackets(const std::string& host);
+
 /// Whether only this machine can reach it: 127.0.0.0/8, ::1, localhost, ipc, inproc.
 [[nodiscard]] bool is_loopback(const Endpoint& endpoint);
 

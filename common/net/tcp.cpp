@@ -1,6 +1,7 @@
 #include "common/net/tcp.hpp"
 
 #include "common/net/clock.hpp"
+#include "common/net/endpoint.hpp"
 
 #include <array>
 #include <cerrno>
@@ -14,11 +15,6 @@
 
 namespace fraja::net {
 namespace {
-
-/// Brackets are an endpoint's, not the address's.
-std::string bare(const std::string& host) {
-    return host.starts_with('[') && host.ends_with(']') ? host.substr(1, host.size() - 2) : host;
-}
 
 /// Until the socket can be written to, or not: 0, or why not.
 int await_connection(int fd, Duration timeout, const Interrupt& interrupt) {
@@ -70,7 +66,7 @@ std::string in_words(int error) {
 } // namespace
 
 Result<std::vector<TcpAddress>> addresses_of(const std::string& host, std::uint16_t port) {
-    const std::string name = bare(host);
+    const std::string name = without_brackets(host);
     addrinfo wanted{};
     wanted.ai_socktype = SOCK_STREAM;
     addrinfo* found = nullptr;

@@ -82,8 +82,4 @@ std::string quoted(std::string_view text) {
     return shown + (text.empty() ? "'" : "...'");
 }
 
-std::string did_you_mean(std::optional<std::string_view> name) {
-    return name ? " (did you mean '" + std::string(*name) + "'?)" : "";
-}
-
 } // namespace fraja::raj

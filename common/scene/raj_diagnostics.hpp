@@ -48,7 +48,4 @@ private:
 /// `text` in quotes for a message; cut when it is long, and without bytes that no terminal shows.
 [[nodiscard]] std::string quoted(std::string_view text);
 
-/// " (did you mean 'radius'?)", or nothing.
-[[nodiscard]] std::string did_you_mean(std::optional<std::string_view> name);
-
 } // namespace fraja::raj

@@ -2,6 +2,7 @@
 
 #include "common/base/assert.hpp"
 #include "common/base/missing_file.hpp"
+#include "common/base/text.hpp"
 #include "common/scene/raj_builder.hpp"
 #include "common/scene/raj_labels.hpp"
 #include "common/scene/raj_lexer.hpp"
