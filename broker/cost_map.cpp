@@ -15,8 +15,15 @@ namespace {
 // Along a side, about.
 constexpr std::uint32_t spot_pixels = 16, block_pixels = 64;
 
+// Of all spots.
+constexpr double scattered_share = 0.05;
+constexpr std::size_t scattered_min = 8, scattered_max = 128;
+
 // So many pixels of a spot weigh as much as what was thought of it before.
 constexpr double prior_pixels = 16;
+
+// So many pixels of an area weigh as much as what is known of the larger one around it.
+constexpr double trusted_pixels = 2 * spot_pixels * spot_pixels;
 
 // Of a spot of which nothing is done, that part may be as its dearest neighbour.
 constexpr double risk_share = 0.5;
@@ -42,10 +49,15 @@ CostMap::CostMap(const protocol::CellGrid& grid, double camera_rays)
     block_rows_ = count(all.height, block_side_);
     spot_columns_ = count(all.width, spot_side_);
     spots_.resize(std::size_t{spot_columns_} * count(all.height, spot_side_));
-    for (std::size_t i = 0; i < spots_.size(); ++i) {
+    for (std::size_t i = 0; i < spots_.size(); ++i)
         spots_[i].left_pixels = static_cast<double>(grid_.pixels(spot(i)).pixel_count());
-        left_prior_ += spots_[i].left_pixels;
-    }
+
+    levels_.push_back({block_columns_, block_rows_, {}});
+    while (levels_.back().columns * levels_.back().rows > 1)
+        levels_.push_back({count(levels_.back().columns, 2), count(levels_.back().rows, 2), {}});
+    for (Level& level : levels_)
+        level.areas.resize(std::size_t{level.columns} * level.rows);
+    sum_up_all();
 }
 
 CellRect CostMap::spot(std::size_t index) const {
@@ -75,6 +87,32 @@ std::vector<std::size_t> CostMap::blocks_in(const CellRect& cells) const {
     return blocks;
 }
 
+/// By the plastic number's sequence, which leaves no gap: Martin Roberts, "The Unreasonable
+/// Effectiveness of Quasirandom Sequences".
+std::vector<std::size_t> CostMap::scattered_spots() const {
+    const auto wanted =
+        std::min(scattered_max,
+                 static_cast<std::size_t>(scattered_share * static_cast<double>(spots_.size())));
+    if (wanted < scattered_min)
+        return {};
+    const auto at = [](std::size_t i, double step, std::size_t count) {
+        const double place = 0.5 + step * static_cast<double>(i);
+        return static_cast<std::size_t>((place - std::floor(place)) * static_cast<double>(count));
+    };
+    std::vector<std::size_t> spots;
+    std::vector<bool> block_has(levels_[0].areas.size());
+    for (std::size_t i = 1; i <= 2 * wanted && spots.size() < wanted; ++i) {
+        const std::size_t index =
+            at(i, 0.5698402909980532, spots_.size() / spot_columns_) * spot_columns_ +
+            at(i, 0.7548776662466927, spot_columns_);
+        const std::size_t block = block_of(spot(index));
+        if (!block_has[block])
+            spots.push_back(index);
+        block_has[block] = true;
+    }
+    return spots;
+}
+
 template <class Visit>
 void CostMap::for_each_spot(const CellRect& cells, Visit visit) const {
     const auto next = [this](std::uint32_t at, std::uint32_t end) {
@@ -92,65 +130,152 @@ void CostMap::for_each_spot(const CellRect& cells, Visit visit) const {
 void CostMap::take_probe(const std::vector<double>& rays) {
     FRAJA_ASSERT(!probed_ && rays.size() == spots_.size());
     probed_ = true;
-    left_prior_ = done_prior_ = 0;
+    double sum = 0, pixels = 0;
     for (std::size_t i = 0; i < spots_.size(); ++i) {
         Spot& spot = spots_[i];
         spot.prior = std::isfinite(rays[i]) && rays[i] > 0 ? rays[i] : 1;
-        done_prior_ += spot.prior * spot.done_pixels;
-        if (spot.done_pixels == 0)
-            left_prior_ += spot.prior * spot.left_pixels;
+        sum += spot.prior * (spot.done_pixels + spot.left_pixels);
+        pixels += spot.done_pixels + spot.left_pixels;
     }
+    mean_prior_ = sum / pixels;
+    sum_up_all();
 }
 
-double CostMap::scale() const {
-    return done_prior_ > 0 ? done_work_ / done_prior_ : camera_rays_;
+// ----------------------------------------------------------------------------------------- factors
+
+/// What the prior says of so many pixels: as much as that counts what is known of an area's
+/// surroundings.
+double CostMap::trust() const {
+    return trusted_pixels * mean_prior_;
 }
 
-double CostMap::density(const Spot& spot) const {
-    return (spot.done_work + prior_pixels * spot.prior * scale()) /
+/// Of the whole picture, going by what is done.
+double CostMap::factor_of_all() const {
+    const Area& all = levels_.back().areas[0];
+    return all.done_prior > 0 ? all.done_work / all.done_prior : camera_rays_;
+}
+
+double CostMap::factor_of(std::size_t level, std::uint32_t column, std::uint32_t row) const {
+    if (level + 1 == levels_.size())
+        return factor_of_all();
+    const double around = factor_of(level + 1, column / 2, row / 2);
+    const Area& area = levels_[level].areas[std::size_t{row} * levels_[level].columns + column];
+    return (area.done_work + trust() * around) / (area.done_prior + trust());
+}
+
+class CostMap::Factors {
+public:
+    explicit Factors(const CostMap& map) : map_(map) {}
+
+    double operator()(std::size_t spot) {
+        const std::size_t block = map_.block_of(map_.spot(spot));
+        if (block != block_) {
+            block_ = block;
+            factor_ = map_.factor_of(0, static_cast<std::uint32_t>(block % map_.block_columns_),
+                                     static_cast<std::uint32_t>(block / map_.block_columns_));
+        }
+        return factor_;
+    }
+
+private:
+    const CostMap& map_;
+    std::size_t block_ = static_cast<std::size_t>(-1);
+    double factor_ = 1;
+};
+
+double CostMap::density(std::size_t index, double factor) const {
+    const Spot& spot = spots_[index];
+    return (spot.done_work + prior_pixels * spot.prior * factor) /
            (spot.done_pixels + prior_pixels);
+}
+
+void CostMap::sum_up_block(std::size_t block) {
+    Area sum;
+    for_each_spot(blocks(block, 1), [&](std::size_t index, double) {
+        const Spot& spot = spots_[index];
+        sum.done_work += spot.done_work;
+        sum.done_prior += spot.prior * spot.done_pixels;
+        const double weight = spot.left_pixels / (spot.done_pixels + prior_pixels);
+        sum.left_known += weight * spot.done_work; // density() of its pixels
+        sum.left_prior += weight * prior_pixels * spot.prior;
+    });
+    levels_[0].areas[block] = sum;
+}
+
+/// What is left of each of the four, by the factor of all of them.
+void CostMap::sum_up_area(std::size_t level, std::uint32_t column, std::uint32_t row) {
+    const Level& below = levels_[level - 1];
+    Area sum;
+    for (std::uint32_t y = 2 * row; y < std::min(below.rows, 2 * row + 2); ++y)
+        for (std::uint32_t x = 2 * column; x < std::min(below.columns, 2 * column + 2); ++x) {
+            const Area& part = below.areas[std::size_t{y} * below.columns + x];
+            sum.done_work += part.done_work;
+            sum.done_prior += part.done_prior;
+            const double weight = 1 / (part.done_prior + trust());
+            sum.left_known += part.left_known + part.left_prior * part.done_work * weight;
+            sum.left_prior += part.left_prior * trust() * weight;
+        }
+    levels_[level].areas[std::size_t{row} * levels_[level].columns + column] = sum;
+}
+
+void CostMap::sum_up_all() {
+    for (std::size_t block = 0; block < levels_[0].areas.size(); ++block)
+        sum_up_block(block);
+    for (std::size_t level = 1; level < levels_.size(); ++level)
+        for (std::uint32_t row = 0; row < levels_[level].rows; ++row)
+            for (std::uint32_t column = 0; column < levels_[level].columns; ++column)
+                sum_up_area(level, column, row);
+}
+
+/// Of blocks in that rectangle of theirs.
+void CostMap::sum_up(std::uint32_t left, std::uint32_t top, std::uint32_t right,
+                     std::uint32_t bottom) {
+    for (std::uint32_t row = top; row <= bottom; ++row)
+        for (std::uint32_t column = left; column <= right; ++column)
+            sum_up_block(std::size_t{row} * block_columns_ + column);
+    for (std::size_t level = 1; level < levels_.size(); ++level) {
+        left /= 2, top /= 2, right /= 2, bottom /= 2;
+        for (std::uint32_t row = top; row <= bottom; ++row)
+            for (std::uint32_t column = left; column <= right; ++column)
+                sum_up_area(level, column, row);
+    }
 }
 
 /// Nobody knows where in the cells the work was: as much as was thought, it was in each spot.
 void CostMap::learn(const CellRect& cells, double work) {
     const double thought = this->work(cells);
-    const double factor = thought > 0 ? work / thought : 0;
-    struct Part {
-        std::size_t spot;
-        double pixels, work;
-    };
-    std::vector<Part> parts;
+    const double by = thought > 0 ? work / thought : 0;
+    Factors factor(*this);
+    std::vector<double> works;
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
-        parts.push_back({spot, pixels, density(spots_[spot]) * pixels * factor});
+        works.push_back(density(spot, factor(spot)) * pixels * by);
     });
-    for (const Part& part : parts)
-        learn(spots_[part.spot], part.pixels, part.work);
+    auto part = works.begin();
+    for_each_spot(cells, [&](std::size_t index, double pixels) {
+        Spot& spot = spots_[index];
+        spot.done_work += *part++;
+        spot.done_pixels += pixels;
+        spot.left_pixels = std::max(0.0, spot.left_pixels - pixels);
+        done_pixels_ += pixels;
+    });
+    sum_up(cells.column / block_side_, cells.row / block_side_,
+           (cells.column + cells.width - 1) / block_side_,
+           (cells.row + cells.height - 1) / block_side_);
 }
 
-void CostMap::learn(Spot& spot, double pixels, double work) {
-    if (spot.done_pixels > 0)
-        left_known_ -= spot.left_work;
-    else
-        left_prior_ -= spot.prior * spot.left_pixels;
-    done_work_ += work;
-    done_pixels_ += pixels;
-    done_prior_ += spot.prior * pixels;
-    spot.done_work += work;
-    spot.done_pixels += pixels;
-    spot.left_pixels = std::max(0.0, spot.left_pixels - pixels);
-    spot.left_work = density(spot) * spot.left_pixels;
-    left_known_ += spot.left_work;
-}
+// -------------------------------------------------------------------------------------------- work
 
 double CostMap::work(const CellRect& cells) const {
     double work = 0;
-    for_each_spot(cells,
-                  [&](std::size_t spot, double pixels) { work += density(spots_[spot]) * pixels; });
+    Factors factor(*this);
+    for_each_spot(cells, [&](std::size_t spot, double pixels) {
+        work += density(spot, factor(spot)) * pixels;
+    });
     return work;
 }
 
-double CostMap::density_at_risk(std::size_t spot) const {
-    double density = this->density(spots_[spot]);
+double CostMap::density_at_risk(std::size_t spot, Factors& factor) const {
+    double density = this->density(spot, factor(spot));
     if (spots_[spot].done_pixels > 0)
         return density;
     const auto columns = static_cast<std::ptrdiff_t>(spot_columns_);
@@ -160,29 +285,32 @@ double CostMap::density_at_risk(std::size_t spot) const {
     for (std::ptrdiff_t y = std::max<std::ptrdiff_t>(0, row - 1); y <= std::min(rows - 1, row + 1);
          ++y)
         for (std::ptrdiff_t x = std::max<std::ptrdiff_t>(0, column - 1);
-             x <= std::min(columns - 1, column + 1); ++x)
-            density = std::max(
-                density,
-                risk_share * this->density(spots_[static_cast<std::size_t>(y * columns + x)]));
+             x <= std::min(columns - 1, column + 1); ++x) {
+            const auto beside = static_cast<std::size_t>(y * columns + x);
+            density = std::max(density, risk_share * this->density(beside, factor(beside)));
+        }
     return density;
 }
 
 double CostMap::risk(const CellRect& cells) const {
     double work = 0;
-    for_each_spot(cells,
-                  [&](std::size_t spot, double pixels) { work += density_at_risk(spot) * pixels; });
+    Factors factor(*this);
+    for_each_spot(cells, [&](std::size_t spot, double pixels) {
+        work += density_at_risk(spot, factor) * pixels;
+    });
     return work;
 }
 
 double CostMap::left() const {
-    return std::max(0.0, left_known_) + std::max(0.0, left_prior_) * scale();
+    const Area& all = levels_.back().areas[0];
+    return all.left_known + all.left_prior * factor_of_all();
 }
 
 /// What takes longer than was thought tells that the rest will, too.
 double CostMap::all(const TilesBegun& begun) const {
-    const double thought = done_work_ + begun.thought;
-    const double longer = thought > 0 ? (done_work_ + begun.expected) / thought : 1;
-    return done_work_ + longer * left();
+    const double thought = done() + begun.thought;
+    const double longer = thought > 0 ? (done() + begun.expected) / thought : 1;
+    return done() + longer * left();
 }
 
 double CostMap::share_per_s(const TilesBegun& begun) const {
@@ -192,7 +320,7 @@ double CostMap::share_per_s(const TilesBegun& begun) const {
 
 double CostMap::share_done(const TilesBegun& begun) const {
     const double all = this->all(begun);
-    return all > 0 ? std::clamp((done_work_ + begun.work) / all, 0.0, 1.0) : 0;
+    return all > 0 ? std::clamp((done() + begun.work) / all, 0.0, 1.0) : 0;
 }
 
 } // namespace fraja::broker

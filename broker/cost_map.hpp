@@ -23,10 +23,11 @@ struct TilesBegun {
 
 /// Work is told in rays, as they are on the average: one that takes twice as long counts twice.
 /// A picture is looked at in spots, squares of cells of about 16 pixels; and cut at first in
-/// blocks, squares of spots of about 64 pixels.
+/// blocks, squares of spots of about 64 pixels. A probe tells spots from one another, but not all
+/// that they cost: by which factor it is wrong is learnt for each block, and where little of it is
+/// done, from the four that it is one of, and from the sixteen, and so on.
 class CostMap {
 public:
-    CostMap() = default;
     /// `camera_rays`: of a pixel, as long as nothing is done.
     explicit CostMap(const protocol::CellGrid& grid, double camera_rays = 1);
 
@@ -44,6 +45,9 @@ public:
     [[nodiscard]] std::vector<std::size_t> blocks_in(const protocol::CellRect& cells) const;
     [[nodiscard]] std::size_t spot_count() const { return spots_.size(); }
     [[nodiscard]] protocol::CellRect spot(std::size_t index) const;
+    /// Some, a small part of the picture, each in another block and far from one another: what they
+    /// cost tells of all. Few of a small picture: none.
+    [[nodiscard]] std::vector<std::size_t> scattered_spots() const;
 
     /// A probe has found so many rays for each camera ray, on the average of each spot. Call once
     /// at most. What is not finite, or below 0, counts as 1.
@@ -60,7 +64,7 @@ public:
     [[nodiscard]] double risk(const protocol::CellRect& cells) const;
     /// What all that is not done is thought to be.
     [[nodiscard]] double left() const;
-    [[nodiscard]] double done() const { return done_work_; }
+    [[nodiscard]] double done() const { return levels_.back().areas[0].done_work; }
     /// 0 to 1.
     [[nodiscard]] double share_done(const TilesBegun& begun = {}) const;
     /// So much more of it in a second.
@@ -70,13 +74,30 @@ private:
     struct Spot {
         double prior = 1; ///< work of a pixel, times an unknown factor
         double done_work = 0, done_pixels = 0, left_pixels = 0;
-        double left_work = 0; ///< as it counts in left_known_
     };
-    [[nodiscard]] double scale() const;
+    /// A block, or four areas.
+    struct Area {
+        double done_work = 0, done_prior = 0; ///< of what is done: what it was, what the prior said
+        double left_known = 0, left_prior = 0; ///< what is left is known + prior * the factor
+    };
+    struct Level {
+        std::uint32_t columns = 0, rows = 0;
+        std::vector<Area> areas; ///< row by row
+    };
+    /// Looks a block's factor up once for all spots of it that follow one another.
+    class Factors;
+
+    [[nodiscard]] double trust() const;
+    [[nodiscard]] double factor_of_all() const;
+    [[nodiscard]] double factor_of(std::size_t level, std::uint32_t column,
+                                   std::uint32_t row) const;
+    [[nodiscard]] double density(std::size_t spot, double factor) const;
+    [[nodiscard]] double density_at_risk(std::size_t spot, Factors& factor) const;
     [[nodiscard]] double all(const TilesBegun& begun) const;
-    [[nodiscard]] double density(const Spot& spot) const;
-    [[nodiscard]] double density_at_risk(std::size_t spot) const;
-    void learn(Spot& spot, double pixels, double work);
+    void sum_up_block(std::size_t block);
+    void sum_up_area(std::size_t level, std::uint32_t column, std::uint32_t row);
+    void sum_up_all();
+    void sum_up(std::uint32_t left, std::uint32_t top, std::uint32_t right, std::uint32_t bottom);
     /// Calls `visit(spot's index, pixels of it among the cells)`.
     template <class Visit>
     void for_each_spot(const protocol::CellRect& cells, Visit visit) const;
@@ -87,10 +108,9 @@ private:
     std::uint32_t block_side_ = 1, block_columns_ = 0, block_rows_ = 0;
     std::vector<Spot> spots_;
     bool probed_ = false;
-    double done_work_ = 0, done_pixels_ = 0;
-    double done_prior_ = 0; ///< what the prior said of what is done
-    // Of what is not done: where something of the spot is, by its own density; elsewhere the prior.
-    double left_known_ = 0, left_prior_ = 0;
+    double done_pixels_ = 0;
+    double mean_prior_ = 1;     ///< of all pixels
+    std::vector<Level> levels_; ///< blocks first, the whole last
 };
 
 } // namespace fraja::broker

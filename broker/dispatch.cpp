@@ -285,6 +285,14 @@ double Dispatcher::joined_work_max(const WorkerSession& worker) const {
     return speed_.is_known() ? seconds(limits_.joined_time_max) * speed_of(worker) : 0;
 }
 
+/// Machines go from frame to frame of a film, and what is ordered is cut for its branch.
+std::optional<double> Dispatcher::scout_work_min(const WorkerSession& worker,
+                                                 const Job& job) const {
+    if (!speed_.is_known() || is_order(job) || job.party().is_film())
+        return std::nullopt;
+    return tile_time_min_s() * speed_of(worker);
+}
+
 double Dispatcher::tile_time_min_s() const {
     const double threads = capacity_ / std::max(speed_.rays_per_s(), 1e-9);
     // Workers may say anything of their threads.
@@ -299,6 +307,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
          .peer = peer,
          .work_wanted = work_wanted(worker, job),
          .joined_work_max = joined_work_max(worker),
+         .scout_work_min = scout_work_min(worker, job),
          .has_others =
              [&](std::span<const WorkerId> failed_on) { return has_others(job, failed_on); },
          .attempt = attempt});

@@ -204,6 +204,7 @@ private:
                                                            const Party& party);
     [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer,
                              const Party& party) const;
+    [[nodiscard]] bool lacks_tagged_worker(const Job& job) const;
     [[nodiscard]] static bool has_tags(const WorkerSession& worker, const protocol::Wishes& wishes);
     [[nodiscard]] bool has_others(const Job& job, std::span<const WorkerId> failed_on) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);
@@ -215,6 +216,8 @@ private:
                     AttemptNumber attempt);
     [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
     [[nodiscard]] double joined_work_max(const WorkerSession& worker) const;
+    [[nodiscard]] std::optional<double> scout_work_min(const WorkerSession& worker,
+                                                       const Job& job) const;
     [[nodiscard]] double tile_time_min_s() const;
     [[nodiscard]] double speed_of(const WorkerSession& worker) const;
     void look_ready(const Job& job);

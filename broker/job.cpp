@@ -67,6 +67,9 @@ void Job::plan() {
             order_[blocks[rank]] = rank;
     }
     open_by_blocks(all, std::nullopt);
+    if (submission_.order == protocol::TileOrder::automatic)
+        for (const std::size_t spot : costs_.scattered_spots())
+            scouts_.push_back(costs_.spot(spot));
 }
 
 OpenTileId Job::open(OpenTile tile) {
@@ -376,6 +379,8 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun
             .priority = priority,
             .in_flight_count = static_cast<std::uint32_t>(in_flight_count_),
             .worker_count = static_cast<std::uint32_t>(workers_.size()),
+            .film_worker_count =
+                party_->is_film() ? static_cast<std::uint32_t>(party_->workers().size()) : 0,
             .rays = rays_,
             .render_time = render_time_,
             .elapsed = acknowledged_at ? over_at.value_or(now) - *acknowledged_at : Duration{},

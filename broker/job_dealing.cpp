@@ -51,6 +51,9 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
     }
     if (fresh_ < fresh_end_)
         return next_fixed();
+    if (bidder.scout_work_min && !dealt_out_)
+        if (const OpenTileId scout = next_scout(*bidder.scout_work_min); scout != OpenTileId::none)
+            return scout;
     auto queue = pending_.find(bidder.worker);
     if (queue == pending_.end())
         queue = pending_.find(std::nullopt);
@@ -63,6 +66,32 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
     const OpenTileId id = steals ? queue->second.rbegin()->id : queue->second.begin()->id;
     erase_pending(id, open_.at(id));
     return id;
+}
+
+/// A spot of a block that is fresh; what is around it there stays pending. None any more, once
+/// spots are thought to be less work than that: the picture is done soon.
+OpenTileId Job::next_scout(double work_min) {
+    if (costs_.done() + costs_.left() < work_min * static_cast<double>(costs_.spot_count()))
+        scouts_.clear();
+    while (!scouts_.empty()) {
+        const CellRect scout = scouts_.front();
+        scouts_.pop_front();
+        const OpenTileId id = fresh_blocks_[costs_.block_of(scout)];
+        if (id == OpenTileId::none)
+            continue;
+        CellRect tile = open_.at(id).tile.cells;
+        close(id);
+        for (;;) {
+            const auto [first, second] = halves(tile);
+            const bool is_in_first = contains(first, scout);
+            if (tile == scout || !(is_in_first || contains(second, scout)))
+                break; // the middle of a block at the border goes through it
+            tile = is_in_first ? first : second;
+            push_pending(open({.tile = {0, is_in_first ? second : first}}));
+        }
+        return open({.tile = {0, tile}, .work = costs_.work(tile)});
+    }
+    return OpenTileId::none;
 }
 
 /// Of a tile that is too much the first part that is not; the others become pending where it was.

@@ -11,6 +11,19 @@ namespace fraja::broker {
 
 using namespace protocol;
 
+namespace {
+
+std::string no_tagged_worker(const std::vector<std::string>& tags) {
+    std::string options;
+    for (const std::string& tag : tags)
+        options += " --tag " + tag;
+    return std::string("waiting: no worker that is connected has the ") +
+           (tags.size() == 1 ? "tag " : "tags ") + comma_list(tags) + " (fraja-worker" + options +
+           " starts one)";
+}
+
+} // namespace
+
 void Dispatcher::persist(Write write, Unstored what) {
     what.sequence = ++persisted_;
     what.bytes = size_bytes(write);
@@ -89,7 +102,17 @@ JobState Dispatcher::state_of(const Job& job) const {
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
     else if (workers_.empty() && (job.phase == JobPhase::queued || job.phase == JobPhase::running))
         state.reason = protocol::no_worker_reason;
+    else if ((job.phase == JobPhase::queued || job.phase == JobPhase::running) &&
+             lacks_tagged_worker(job))
+        state.reason = std::string(clipped(no_tagged_worker(job.submission().wishes.tags), 500));
     return state;
+}
+
+bool Dispatcher::lacks_tagged_worker(const Job& job) const {
+    const Wishes& wishes = job.submission().wishes;
+    return !wishes.tags.empty() && job.workers().empty() &&
+           std::ranges::none_of(workers_,
+                                [&](const auto& entry) { return has_tags(entry.second, wishes); });
 }
 
 // ------------------------------------------------------------------------------ after a restart

@@ -19,6 +19,8 @@ std::string film_line(const FilmView& v) {
     if (v.moment.at_hand > 0)
         line += fmt::format(", {} at hand", v.moment.at_hand);
     line += fmt::format("  {}%", v.percent());
+    if (v.moment.worker_count > 0)
+        line += "  " + counted(v.moment.worker_count, "worker");
     return line + format_pace(v.rays_per_s, v.elapsed, v.remaining);
 }
 

@@ -17,6 +17,7 @@ struct FilmMoment {
     std::size_t frame_count = 0;
     std::size_t written = 0, given_up = 0, at_hand = 0;
     double share_at_hand = 0, share_per_s = 0; ///< of those at hand, each 1 when it is drawn
+    std::uint32_t worker_count = 0;
     std::uint64_t rays = 0;
 };
 
@@ -36,7 +37,7 @@ struct FilmView {
     [[nodiscard]] unsigned percent() const;
 };
 
-/// `cone  3 of 24 frames, 4 at hand  17%  38.1 Mray/s  0:42 < 3:25`
+/// `cone  3 of 24 frames, 4 at hand  17%  6 workers  38.1 Mray/s  0:42 < 3:25`
 [[nodiscard]] std::string film_line(const FilmView& view);
 
 class FilmProgress {

@@ -190,10 +190,11 @@ std::string progress_json(const ProgressView& v) {
 }
 
 std::string film_progress_json(const FilmView& v) {
-    Json json = {{"schema", "fraja.film_progress/1"},  {"film", fraja::to_string(v.film)},
-                 {"frames_done", v.moment.written},    {"frames", v.moment.frame_count},
-                 {"frames_at_hand", v.moment.at_hand}, {"share_done", v.share},
-                 {"rays_per_s", v.rays_per_s},         {"elapsed_s", seconds(v.elapsed)}};
+    Json json = {{"schema", "fraja.film_progress/1"},     {"film", fraja::to_string(v.film)},
+                 {"frames_done", v.moment.written},       {"frames", v.moment.frame_count},
+                 {"frames_at_hand", v.moment.at_hand},    {"share_done", v.share},
+                 {"worker_count", v.moment.worker_count}, {"rays_per_s", v.rays_per_s},
+                 {"elapsed_s", seconds(v.elapsed)}};
     if (v.remaining)
         json["remaining_s"] = seconds(*v.remaining);
     return dumped(json);

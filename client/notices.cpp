@@ -57,7 +57,7 @@ void WaitNotice::update(Instant now, const protocol::JobState& job, const std::s
         tell(console_, mode_, "job_goes_on",
              fmt::format("{}{} #{} goes on", lacks_worker_ ? "a worker is here: " : "",
                          job.job_name, job.number));
-    lacks_worker_ = job.reason == protocol::no_worker_reason;
+    lacks_worker_ = job.reason.starts_with(protocol::no_worker_reasons);
     text_ = std::move(text);
     due_ = text_.empty() || mode_ == ProgressMode::none ? Instant::never() : now + unsaid_max;
 }

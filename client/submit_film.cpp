@@ -372,6 +372,8 @@ private:
                     continue;
                 moment.share_at_hand += share_done(*one.state->job);
                 moment.share_per_s += share_per_s(*one.state->job);
+                moment.worker_count =
+                    std::max(moment.worker_count, one.state->job->film_worker_count);
                 moment.rays += one.state->job->rays.total();
             }
         }

@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 9;
+inline constexpr std::uint16_t version = 10;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -349,6 +349,7 @@ struct JobState {
     std::int32_t priority = 0;
     std::uint32_t in_flight_count = 0;
     std::uint32_t worker_count = 0;
+    std::uint32_t film_worker_count = 0; ///< of all frames of its film together
     Rays rays;
     Duration render_time{};
     Duration elapsed{};
@@ -373,6 +374,7 @@ struct JobState {
                           Field{"priority", &T::priority},
                           Field{"in_flight_count", &T::in_flight_count},
                           Field{"worker_count", &T::worker_count},
+                          Field{"film_worker_count", &T::film_worker_count},
                           Field{"rays", &T::rays},
                           Field{"render_time", &T::render_time},
                           Field{"elapsed", &T::elapsed},

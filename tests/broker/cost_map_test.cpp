@@ -4,6 +4,7 @@
 
 #include <doctest/doctest.h>
 #include <limits>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -100,6 +101,47 @@ TEST_CASE("what lies beside something dear may be dear, too, until it is known")
     CHECK(costs.risk(costs.spot(3)) == costs.work(costs.spot(3)));
 }
 
+TEST_CASE("where little is done, its surroundings tell how good the probe is") {
+    CostMap costs(CellGrid({0, 0, 512, 512}, 16)); // 8 x 8 blocks of 4 x 4 spots
+    std::vector<double> rays(costs.spot_count());
+    for (std::size_t i = 0; i < rays.size(); ++i)
+        rays[i] = 2 + static_cast<double>(i % 3);
+    costs.take_probe(rays);
+    const auto thought = [&](std::uint32_t column) {
+        return costs.work({column, 16, 1, 1}) / rays[16 * 32 + column];
+    };
+    for (std::uint32_t row = 0; row < 32; row += 4)
+        for (std::uint32_t column = 0; column < 32; column += 4)
+            costs.learn({column, row, 1, 1}, // on the left ten times as much as it says
+                        (column < 16 ? 10 : 1) * 256.0 * rays[row * 32 + column]);
+    CHECK(thought(5) > 8.5 * 256);
+    CHECK(thought(5) <= 10 * 256);
+    CHECK(thought(25) < 2.0 * 256);
+    CHECK(thought(25) >= 1 * 256);
+    CHECK(costs.left() == doctest::Approx(15 * costs.done()).epsilon(0.02));
+}
+
+TEST_CASE("scattered spots are a small part of a picture, each in another block") {
+    for (const auto& [side, count] :
+         {std::pair{150u, 0u}, {256u, 12u}, {640u, 80u}, {4096u, 128u}}) {
+        CAPTURE(side);
+        const CostMap costs(CellGrid({0, 0, side, side}, 2));
+        const std::vector<std::size_t> spots = costs.scattered_spots();
+        CHECK(spots.size() == count);
+        std::set<std::size_t> blocks;
+        double x = 0, y = 0;
+        for (const std::size_t spot : spots) {
+            blocks.insert(costs.block_of(costs.spot(spot)));
+            x += costs.spot(spot).column, y += costs.spot(spot).row;
+        }
+        CHECK(blocks.size() == count);
+        if (count > 50) { // in the middle, on the average
+            CHECK(x / count == doctest::Approx(side / 4).epsilon(0.05));
+            CHECK(y / count == doctest::Approx(side / 4).epsilon(0.05));
+        }
+    }
+}
+
 TEST_CASE("whatever is learnt in whatever order, in the end nothing is left") {
     for_each_seed(100, [](Rng& rng) {
         const PixelRect crop{static_cast<std::uint32_t>(rng.below(100)),
@@ -127,6 +169,12 @@ TEST_CASE("whatever is learnt in whatever order, in the end nothing is left") {
             costs.learn(grid.at(cells[i]), work);
             CHECK(costs.left() >= 0);
             CHECK(costs.share_done() <= 1);
+            if (i % 256 == 100) {
+                double left = 0;
+                for (std::size_t j = i + 1; j < cells.size(); ++j)
+                    left += costs.work(grid.at(cells[j]));
+                CHECK(costs.left() == doctest::Approx(left));
+            }
         }
         CHECK(costs.done() == doctest::Approx(sum));
         CHECK(costs.left() <= 1e-6 * sum);

@@ -75,7 +75,9 @@ public:
             }
         }
         CHECK(phase(job) == JobPhase::done);
-        return farm_.now - begin;
+        const Duration took = farm_.now - begin;
+        take_orders(); // what was not wanted any more is stopped
+        return took;
     }
     [[nodiscard]] double busy_s() const { return busy_s_; }
 
@@ -438,11 +440,14 @@ TEST_CASE("a job that suits nobody holds up no other, and goes on when somebody 
     SubmitJob s = Farm::picture(1, 2);
     s.wishes.tags = {"gpu"};
     s.priority = 9;
-    farm.submit("client", s);
+    const JobId job = farm.submit("client", s);
     farm.submit("client", Farm::picture(2, 1));
     REQUIRE(farm.tiles("plain").size() == 1);
+    CHECK(farm.state(job).reason == "waiting: no worker that is connected has the tag gpu "
+                                    "(fraja-worker --tag gpu starts one)");
     farm.worker_arrives("fast", 2, 1, 1, {"gpu=2"});
     REQUIRE(farm.tiles("fast").size() == 1);
+    CHECK(farm.state(job).reason.empty());
 }
 
 TEST_CASE("no more workers than were asked for have tiles of a job") {

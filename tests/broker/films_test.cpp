@@ -96,10 +96,13 @@ TEST_CASE("a frame that makes no sense is refused, and why") {
 
 TEST_CASE("each frame is one worker's, from the lowest number on, whatever came first") {
     Farm farm;
+    JobId last;
     for (const int n : {5, 2, 4, 1, 3})
-        farm.submit("client", frame(static_cast<std::uint8_t>(n), 4));
+        last = farm.submit("client", frame(static_cast<std::uint8_t>(n), 4));
     workers_arrive(farm, 3, 2); // two tiles at a time
     CHECK(frames_of(farm, 3) == std::multiset<std::uint32_t>{1, 1, 2, 2, 3, 3});
+    CHECK(farm.state(last).worker_count == 1);
+    CHECK(farm.state(last).film_worker_count == 3);
 }
 
 TEST_CASE("a worker goes on with its frame, and then with the lowest that is nobody's") {

@@ -41,6 +41,7 @@ std::shared_ptr<const TileDone> done_with(const Job& job, const Tile& tile) {
 struct Desk {
     Job job;
     double joined_work_max = 0;
+    std::optional<double> scout_work_min{};
     std::uint32_t attempts = 0;
     struct AtWork {
         Job::Handed handed;
@@ -55,6 +56,7 @@ struct Desk {
              .peer = std::to_string(worker),
              .work_wanted = work_wanted,
              .joined_work_max = joined_work_max,
+             .scout_work_min = scout_work_min,
              .has_others =
                  [&](std::span<const WorkerId> failed_on) {
                      return std::set(failed_on.begin(), failed_on.end()).size() < workers;
@@ -153,6 +155,42 @@ TEST_CASE("what a probe finds to be the most work goes first") {
     while (const auto handed = desk.hand_out(1, 1e9))
         columns.push_back(desk.job.rect(handed->tile).x / 64);
     CHECK(columns == std::vector<std::uint32_t>{1, 3, 2, 0});
+}
+
+TEST_CASE("scouts go first: small, far from one another, and what is around them is left") {
+    Desk desk{Job(automatic(640, 480), 1, "c"), 1e9, 0.0};
+    std::vector<double> blocks(desk.job.costs().block_columns() * desk.job.costs().block_rows(), 1);
+    blocks[33] = 9;
+    desk.job.take_probe(spots_of(desk.job, blocks));
+    std::set<std::size_t> scouted;
+    std::uint64_t pixels = 0;
+    const std::size_t wanted = desk.job.costs().scattered_spots().size();
+    CHECK(wanted == 60); // a twentieth
+    for (std::size_t i = 0; i < wanted; ++i) {
+        const auto scout = desk.hand_out(1, 1e9);
+        REQUIRE(scout);
+        CHECK(desk.job.rect(scout->tile).pixel_count() == 16 * 16);
+        CHECK(scouted.insert(desk.job.costs().block_of(scout->tile.cells)).second);
+        pixels += 16 * 16;
+    }
+    const auto dearest = desk.hand_out(1, 1e9);
+    REQUIRE(dearest);
+    CHECK(desk.job.costs().block_of(dearest->tile.cells) == 33);
+    pixels += desk.job.rect(dearest->tile).pixel_count();
+    while (const auto next = desk.hand_out(1, 1e9))
+        pixels += desk.job.rect(next->tile).pixel_count();
+    CHECK(pixels == 640 * 480);
+}
+
+TEST_CASE("nobody scouts where it was not asked for, where an order was, or for too little work") {
+    SubmitJob s = automatic(640, 480);
+    Desk plain{Job(s, 1, "c"), 1e9};
+    CHECK(plain.job.rect(plain.hand_out(1, 64 * 64)->tile).pixel_count() == 64 * 64);
+    Desk quick{Job(s, 1, "c"), 1e9, 16 * 16 + 1};
+    CHECK(quick.job.rect(quick.hand_out(1, 64 * 64)->tile).pixel_count() == 64 * 64);
+    s.order = TileOrder::scan;
+    Desk ordered{Job(s, 1, "c"), 1e9, 0.0};
+    CHECK(ordered.job.rect(ordered.hand_out(1, 64 * 64)->tile).pixel_count() == 64 * 64);
 }
 
 TEST_CASE("an order that was asked for is kept, also with automatic tiles") {
@@ -368,14 +406,17 @@ TEST_CASE("what was restored is not handed out, and what is left is") {
 
 TEST_CASE("whatever happens to tiles, none is lost and every cell is done in the end") {
     for_each_seed(500, [](Rng& rng) {
-        SubmitJob s = automatic(1 + static_cast<std::uint32_t>(rng.below(150)),
-                                1 + static_cast<std::uint32_t>(rng.below(150)));
+        const std::uint32_t side_max = rng.below(4) == 0 ? 400 : 150;
+        SubmitJob s = automatic(1 + static_cast<std::uint32_t>(rng.below(side_max)),
+                                1 + static_cast<std::uint32_t>(rng.below(side_max)));
         if (rng.below(3) == 0)
             s.tile_side = 8 + static_cast<std::uint32_t>(rng.below(30));
         s.order = static_cast<TileOrder>(rng.below(4));
         Desk desk{Job(s, 1, "c")};
         if (rng.below(2) == 0)
             desk.joined_work_max = 1e9;
+        if (rng.below(2) == 0)
+            desk.scout_work_min = 300 * rng.unit();
         const auto someone = [&] { return static_cast<std::uint8_t>(1 + rng.below(4)); };
         std::vector<Job::Handed> late; // taken back, and answered all the same
         for (int i = 0; i < 300 && !desk.job.all_done(); ++i) {

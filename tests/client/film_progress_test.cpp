@@ -31,15 +31,20 @@ struct TenFrames {
 TEST_CASE("a film's line tells frames, speed, and time left by all frames at hand together") {
     TenFrames film;
     CHECK(film_line(film.at(0s, {})) == "cone  0 of 10 frames  0%  0:00");
-    const FilmView& view = film.at(
-        20s,
-        {.written = 3, .at_hand = 4, .share_at_hand = 1, .share_per_s = 0.2, .rays = 40'000'000});
-    CHECK(film_line(view) == "cone  3 of 10 frames, 4 at hand  40%  2.00 Mray/s  0:20 < 0:30");
+    const FilmView& view = film.at(20s, {.written = 3,
+                                         .at_hand = 4,
+                                         .share_at_hand = 1,
+                                         .share_per_s = 0.2,
+                                         .worker_count = 6,
+                                         .rays = 40'000'000});
+    CHECK(film_line(view) ==
+          "cone  3 of 10 frames, 4 at hand  40%  6 workers  2.00 Mray/s  0:20 < 0:30");
     const auto json = nlohmann::json::parse(film_progress_json(view));
     CHECK(json.at("schema") == "fraja.film_progress/1");
     CHECK(json.at("frames_done") == 3);
     CHECK(json.at("frames") == 10);
     CHECK(json.at("frames_at_hand") == 4);
+    CHECK(json.at("worker_count") == 6);
     CHECK(json.at("share_done").get<double>() == doctest::Approx(0.4));
     CHECK(json.at("rays_per_s").get<double>() == doctest::Approx(2e6));
     CHECK(json.at("elapsed_s") == 20);
