@@ -2,6 +2,7 @@
 option(FRAJA_WERROR "Treat warnings as errors (CI does)" OFF)
 set(FRAJA_SANITIZE "" CACHE STRING "Sanitizers to build with: address,undefined or thread")
 set(FRAJA_MAINTAINER "Fraja maintainers <maintainers@fraja.invalid>" CACHE STRING "Who answers for packages")
+set(FRAJA_TESTS all CACHE STRING "Which tests to build: all, or optimised (what computes, draws or runs as processes)")
 option(FRAJA_FUZZ "Link tests/fuzz with Clang's libFuzzer (preset fuzz)" OFF)
 
 add_library(fraja_flags INTERFACE)
@@ -30,8 +31,10 @@ if(FRAJA_SANITIZE)
         target_compile_options(fraja_flags INTERFACE -Wno-maybe-uninitialized)
     endif()
     if(FRAJA_SANITIZE MATCHES "undefined")
-        # A null pointer that is used is found by the other one, at half the time to compile.
-        target_compile_options(fraja_flags INTERFACE -fno-sanitize-recover=all -fno-sanitize=null)
+        target_compile_options(fraja_flags INTERFACE -fno-sanitize-recover=all)
+        if(NOT FRAJA_FUZZ) # pointers that lead nowhere are found by the other one, at half the time to compile
+            target_compile_options(fraja_flags INTERFACE -fno-sanitize=null,alignment,object-size,vptr)
+        endif()
     endif()
 endif()
 if(FRAJA_FUZZ)

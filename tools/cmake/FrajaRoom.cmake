@@ -62,11 +62,11 @@ function(fraja_test_settings target)
     if(NOT "fraja::render" IN_LIST links)
         target_compile_options(${target} PRIVATE $<$<CONFIG:RelWithDebInfo>:-O0>)
     endif()
-    if(FRAJA_SANITIZE MATCHES "undefined" AND NOT FRAJA_FUZZ) # of the tests themselves, what computes
-        target_compile_options(${target} PRIVATE -fno-sanitize=alignment,object-size,vptr)
+    if(FRAJA_SANITIZE MATCHES "undefined" AND NOT FRAJA_FUZZ) # what is tested is looked at
+        target_compile_options(${target} PRIVATE -fno-sanitize=undefined)
     endif()
     if(CMAKE_BUILD_TYPE STREQUAL "Release") # what these lack of includes only the dev preset sees
-        set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 4)
+        set_target_properties(${target} PROPERTIES UNITY_BUILD ON)
         target_compile_options(${target} PRIVATE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
     endif()
     target_compile_definitions(${target} PRIVATE DOCTEST_CONFIG_SUPER_FAST_ASSERTS

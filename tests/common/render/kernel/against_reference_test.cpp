@@ -168,8 +168,8 @@ TEST_CASE("balls that stand apart miss no overlap with glass") {
     }
     // With priorities there is a picture: the glass is above each ball.
     std::vector<Priority> priorities;
-    for (const SolidIndex ball : std::span(members).first(60))
-        priorities.push_back({members[60], ball});
+    for (const SolidIndex matte_one : std::span(members).first(60))
+        priorities.push_back({members[60], matte_one});
     b.aggregate(members, priorities);
     const auto [want, got] = draw_both(b.scene, {.size = {64, 48}});
     CHECK(compare(got.film, want.film).clearly_different == 0);
