@@ -152,7 +152,7 @@ double CostMap::trust() const {
 /// Of the whole picture, going by what is done.
 double CostMap::factor_of_all() const {
     const Area& all = levels_.back().areas[0];
-    return all.done_prior > 0 ? all.done_work / all.done_prior : camera_rays_;
+    return all.done_prior > 0 ? all.done_work / all.done_prior : camera_rays_ / worth_;
 }
 
 double CostMap::factor_of(std::size_t level, std::uint32_t column, std::uint32_t row) const {
@@ -248,7 +248,7 @@ void CostMap::learn(const CellRect& cells, double work) {
     Factors factor(*this);
     std::vector<double> works;
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
-        works.push_back(density(spot, factor(spot)) * pixels * by);
+        works.push_back(density(spot, factor(spot)) * pixels * by); // worth 1
     });
     auto part = works.begin();
     for_each_spot(cells, [&](std::size_t index, double pixels) {
@@ -271,7 +271,7 @@ double CostMap::work(const CellRect& cells) const {
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
         work += density(spot, factor(spot)) * pixels;
     });
-    return work;
+    return worth_ * work;
 }
 
 double CostMap::density_at_risk(std::size_t spot, Factors& factor) const {
@@ -298,12 +298,12 @@ double CostMap::risk(const CellRect& cells) const {
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
         work += density_at_risk(spot, factor) * pixels;
     });
-    return work;
+    return worth_ * work;
 }
 
 double CostMap::left() const {
     const Area& all = levels_.back().areas[0];
-    return all.left_known + all.left_prior * factor_of_all();
+    return worth_ * (all.left_known + all.left_prior * factor_of_all());
 }
 
 /// What takes longer than was thought tells that the rest will, too.

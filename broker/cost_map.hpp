@@ -22,10 +22,12 @@ struct TilesBegun {
 };
 
 /// Work is told in rays, as they are on the average: one that takes twice as long counts twice.
-/// A picture is looked at in spots, squares of cells of about 16 pixels; and cut at first in
-/// blocks, squares of spots of about 64 pixels. A probe tells spots from one another, but not all
-/// that they cost: by which factor it is wrong is learnt for each block, and where little of it is
-/// done, from the four that it is one of, and from the sixteen, and so on.
+/// What the average is may change, as rays of some parts of pictures take longer than those of
+/// others: so work is kept in rays of a time when one was worth 1 (set_worth). A picture is looked
+/// at in spots, squares of cells of about 16 pixels; and cut at first in blocks, squares of spots
+/// of about 64 pixels. A probe tells spots from one another, but not all that they cost: by which
+/// factor it is wrong is learnt for each block, and where little of it is done, from the four that
+/// it is one of, and from the sixteen, and so on.
 class CostMap {
 public:
     /// `camera_rays`: of a pixel, as long as nothing is done.
@@ -49,6 +51,8 @@ public:
     /// cost tells of all. Few of a small picture: none.
     [[nodiscard]] std::vector<std::size_t> scattered_spots() const;
 
+    /// Machines now trace so many rays where they traced one.
+    void set_worth(double rays) { worth_ = rays; }
     /// A probe has found so many rays for each camera ray, on the average of each spot. Call once
     /// at most. What is not finite, or below 0, counts as 1.
     void take_probe(const std::vector<double>& rays);
@@ -64,7 +68,7 @@ public:
     [[nodiscard]] double risk(const protocol::CellRect& cells) const;
     /// What all that is not done is thought to be.
     [[nodiscard]] double left() const;
-    [[nodiscard]] double done() const { return levels_.back().areas[0].done_work; }
+    [[nodiscard]] double done() const { return worth_ * levels_.back().areas[0].done_work; }
     /// 0 to 1.
     [[nodiscard]] double share_done(const TilesBegun& begun = {}) const;
     /// So much more of it in a second.
@@ -104,10 +108,12 @@ private:
 
     protocol::CellGrid grid_;
     double camera_rays_ = 1;
+    double worth_ = 1;
     std::uint32_t spot_side_ = 1, spot_columns_ = 0; ///< the side in cells
     std::uint32_t block_side_ = 1, block_columns_ = 0, block_rows_ = 0;
     std::vector<Spot> spots_;
     bool probed_ = false;
+    // Work in here, and in spots and areas, is what it is worth 1.
     double done_pixels_ = 0;
     double mean_prior_ = 1;     ///< of all pixels
     std::vector<Level> levels_; ///< blocks first, the whole last

@@ -21,6 +21,9 @@ constexpr double parts_of_order = 2;
 constexpr std::size_t compared_idle_workers_max = 256; // in search of the fastest
 constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
 
+// Scouts are few: so they may be that part of what other tiles are at least.
+constexpr double scout_part = 1.0 / 16;
+
 // Camera rays of a probe: no more than that part of the picture's.
 constexpr double probe_share = 1.0 / 512;
 constexpr std::uint64_t probe_squares_min = 4; // fewer tell nothing
@@ -290,7 +293,7 @@ std::optional<double> Dispatcher::scout_work_min(const WorkerSession& worker,
                                                  const Job& job) const {
     if (!speed_.is_known() || is_order(job) || job.party().is_film())
         return std::nullopt;
-    return tile_time_min_s() * speed_of(worker);
+    return scout_part * tile_time_min_s() * speed_of(worker);
 }
 
 double Dispatcher::tile_time_min_s() const {

@@ -276,6 +276,7 @@ private:
                        const protocol::TileRendered& answer);
     void tile_failed(const PeerId& peer, WorkerSession& worker, const protocol::TileFailed& answer);
     [[nodiscard]] bool is_fault_of_scene(Job& job, const WorkerSession& worker) const;
+    void learn_speed(WorkerSession& worker, double rays, Duration elapsed);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
     void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);
@@ -356,6 +357,7 @@ private:
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0
     std::uint64_t threads_with_credit_ = 0;
     double capacity_ = 0;        ///< of these: work in a second
+    double worth_of_rays_ = 1;   ///< as CostMap::set_worth wants it
     Speed speed_;                ///< of a thread, of all that was ever here
     std::uint32_t attempts_ = 0; ///< RenderTiles ever sent
     FetchTimes fetch_times_;

@@ -64,6 +64,7 @@ public:
     [[nodiscard]] const protocol::CellGrid& grid() const { return grid_; }
     [[nodiscard]] const CostMap& costs() const { return costs_; }
     void take_probe(const std::vector<double>& rays_of_spots);
+    void set_worth_of_rays(double worth) { costs_.set_worth(worth); }
     /// As the wire counts: of the top left cell, pass after pass.
     [[nodiscard]] TileIndex index(const Tile& tile) const {
         return TileIndex(

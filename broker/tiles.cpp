@@ -25,6 +25,11 @@ std::string described(const Job& job, const Tile& tile) {
 // Of a tile that takes longer than was thought: so much longer again, of the time that it is late.
 constexpr double late_share = 0.5;
 
+// So much counts what was found in a spot itself; the rest what was found there and around it.
+constexpr double own_share = 0.5;
+
+constexpr double worth_max = 1e9; // workers may say anything of their rays
+
 } // namespace
 
 /// The job's tiles that are being drawn, going by their workers' speeds and by when they began; of
@@ -118,28 +123,48 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     accept(*job, worker, *grant, answer);
 }
 
-/// Each spot of the picture has the mean of the squares that it lies in.
+/// Each spot of the picture has the mean of the squares that it lies in, and in part of those
+/// around: one ray may have missed what is dear, or met all of it.
 void Dispatcher::take_probe(Job& job, const TileRendered& answer, std::uint32_t side) {
     const std::vector<float> rays = floats_of(answer.blobs);
     const PixelRect& crop = job.submission().settings.crop;
-    const std::uint64_t columns = (std::uint64_t{crop.width} + side - 1) / side;
+    const std::uint32_t columns = (crop.width + side - 1) / side;
+    const std::uint32_t rows = (crop.height + side - 1) / side;
+    const auto mean = [&](std::uint32_t x0, std::uint32_t y0, std::uint32_t x1, std::uint32_t y1) {
+        double sum = 0;
+        for (std::uint32_t y = y0; y <= y1; ++y)
+            for (std::uint32_t x = x0; x <= x1; ++x) {
+                const auto value = static_cast<double>(rays[std::size_t{y} * columns + x]);
+                sum += std::isfinite(value) && value > 0 ? value : 1;
+            }
+        return sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
+    };
     std::vector<double> spots(job.costs().spot_count());
     for (std::size_t i = 0; i < spots.size(); ++i) {
         const PixelRect spot = job.grid().pixels(job.costs().spot(i));
         const std::uint32_t x0 = (spot.x - crop.x) / side, y0 = (spot.y - crop.y) / side;
         const std::uint32_t x1 = (spot.x - crop.x + spot.width - 1) / side;
         const std::uint32_t y1 = (spot.y - crop.y + spot.height - 1) / side;
-        double sum = 0;
-        for (std::uint32_t y = y0; y <= y1; ++y)
-            for (std::uint32_t x = x0; x <= x1; ++x) {
-                const auto value = static_cast<double>(rays[y * columns + x]);
-                sum += std::isfinite(value) && value > 0 ? value : 1;
-            }
-        spots[i] = sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
+        spots[i] =
+            own_share * mean(x0, y0, x1, y1) +
+            (1 - own_share) * mean(std::max(x0, 1u) - 1, std::max(y0, 1u) - 1,
+                                   std::min(x1 + 1, columns - 1), std::min(y1 + 1, rows - 1));
     }
     job.probe = Job::Probe::over;
     job.take_probe(spots);
     look_ready(job);
+}
+
+/// Where all machines get faster, it is the rays that get cheaper.
+void Dispatcher::learn_speed(WorkerSession& worker, double rays, Duration elapsed) {
+    const double before = worker.speed.is_known() ? speed_of(worker) : 0;
+    worker.speed.add(rays, elapsed);
+    speed_.add(rays, elapsed);
+    count_capacity(worker);
+    if (before <= 0 || worker.capacity <= 0)
+        return;
+    const double change = worker.capacity / capacity_ * (speed_of(worker) / before - 1);
+    worth_of_rays_ = std::clamp(worth_of_rays_ * (1 + change), 1 / worth_max, worth_max);
 }
 
 /// The worker cannot have rendered for longer than it has had the tile.
@@ -161,9 +186,8 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
     counters_.rays += answer.rays;
     counters_.render_time += std::min(elapsed, Duration::max() - counters_.render_time);
     const auto rays = static_cast<double>(answer.rays.total());
-    worker.speed.add(rays, elapsed);
-    speed_.add(rays, elapsed);
-    count_capacity(worker);
+    learn_speed(worker, rays, elapsed);
+    job.set_worth_of_rays(worth_of_rays_);
     const double work = seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays;
 
     cancel_unwanted(job, job.finish(grant.id, grant.tile, work, result));

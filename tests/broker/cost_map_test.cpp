@@ -121,6 +121,24 @@ TEST_CASE("where little is done, its surroundings tell how good the probe is") {
     CHECK(costs.left() == doctest::Approx(15 * costs.done()).epsilon(0.02));
 }
 
+TEST_CASE("work that was done keeps its worth when rays get cheaper") {
+    CostMap costs = map_of_eight();
+    costs.take_probe(std::vector<double>(8, 1));
+    const double spot = 16 * 16;
+    costs.learn({0, 0, 2, 2}, spot);
+    CHECK(costs.left() == doctest::Approx(7 * spot));
+    costs.set_worth(3); // what took a second was a ray, and is three now
+    CHECK(costs.done() == doctest::Approx(3 * spot));
+    CHECK(costs.left() == doctest::Approx(3 * 7 * spot));
+    CHECK(costs.share_done() == doctest::Approx(1.0 / 8));
+    costs.learn({2, 0, 2, 2}, 3 * spot);
+    CHECK(costs.work(costs.spot(5)) == doctest::Approx(3 * spot));
+    CHECK(costs.share_done() == doctest::Approx(2.0 / 8));
+    CostMap blank = map_of_eight();
+    blank.set_worth(3);
+    CHECK(blank.left() == doctest::Approx(8 * spot)); // rays of now, as all that is told
+}
+
 TEST_CASE("scattered spots are a small part of a picture, each in another block") {
     for (const auto& [side, count] :
          {std::pair{150u, 0u}, {256u, 12u}, {640u, 80u}, {4096u, 128u}}) {
