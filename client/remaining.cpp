@@ -12,7 +12,7 @@ constexpr Duration standing_still = 3s; // then nobody knows when it goes on
 
 /// Over so long the pace is smoothed: tiles come and go, and other jobs have their turns.
 Duration smoothing(Duration elapsed) {
-    return std::clamp<Duration>(elapsed / 20, 500ms, 20s);
+    return std::clamp<Duration>(elapsed / 20, 250ms, 20s);
 }
 
 } // namespace
@@ -26,7 +26,8 @@ void Remaining::update(Duration elapsed, double share, double share_per_s) {
     }
     const double old =
         pace_ > 0 ? std::exp(-seconds(elapsed - paced_at_) / seconds(smoothing(elapsed))) : 0;
-    pace_ = old * pace_ + (1 - old) * share_per_s;
+    // By factors: at first, when nobody knows how much it is, the pace may be many times too high.
+    pace_ = old > 0 ? std::pow(pace_, old) * std::pow(share_per_s, 1 - old) : share_per_s;
     paced_at_ = elapsed;
 }
 

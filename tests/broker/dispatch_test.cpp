@@ -5,7 +5,9 @@
 #include "common/protocol/probe.hpp"
 #include "common/protocol/settings.hpp"
 
+#include <cmath>
 #include <cstring>
+#include <functional>
 #include <set>
 
 namespace fraja::broker {
@@ -66,6 +68,8 @@ public:
                 if (machine.ends && *machine.ends <= farm_.now)
                     answer(machine);
             farm_.event(Tick{});
+            if (watch)
+                watch(farm_.state(job));
             if (farm_.now >= next_beat_) {
                 next_beat_ = farm_.now + 500ms;
                 for (const Machine& machine : machines_) {
@@ -80,6 +84,9 @@ public:
         return took;
     }
     [[nodiscard]] double busy_s() const { return busy_s_; }
+
+    double (*ray_time)(PixelRect) = nullptr;    ///< of a tile that begins there, times its speed
+    std::function<void(const JobState&)> watch; ///< after all that happens
 
 private:
     JobPhase phase(const JobId& job) { return farm_.state(job).phase; }
@@ -111,10 +118,13 @@ private:
                 sum += cost_({x, y, 1, 1});
         return sum;
     }
+    [[nodiscard]] double seconds_of(const Machine& machine, const RenderTile& tile) const {
+        return rays(tile) / machine.speed * (ray_time ? ray_time(tile.rect) : 1);
+    }
     void begin_next(Machine& machine) {
         if (machine.ends || machine.waiting.empty())
             return;
-        const double s = rays(machine.waiting.front()) / machine.speed;
+        const double s = seconds_of(machine, machine.waiting.front());
         busy_s_ += s;
         machine.ends = farm_.now + from_seconds(s);
     }
@@ -129,7 +139,7 @@ private:
                 return honest_ ? cost_({r.x + r.width / 2, r.y + r.height / 2, 1, 1}) : 1;
             });
         answer.rays.camera = static_cast<std::uint64_t>(rays(tile));
-        answer.elapsed = from_seconds(rays(tile) / machine.speed);
+        answer.elapsed = from_seconds(seconds_of(machine, tile));
         farm_.say(machine.peer, answer);
     }
 
@@ -395,6 +405,38 @@ TEST_CASE("machines of different speeds end together, on even pictures and uneve
                 rays += cost({x, y, 1, 1});
         CHECK(took < 1.02 * rays / 16'000);
         CHECK(farm.state(job).done_count == farm.state(job).cell_count);
+    }
+}
+
+/// On the right rays take four times as long as on the left.
+double slow_on_the_right(PixelRect r) {
+    return r.x >= 320 ? 4 : 1;
+}
+
+TEST_CASE("what remains is known, and the share that is done grows, however long rays take where") {
+    for (const std::size_t count : {1u, 4u}) {
+        CAPTURE(count);
+        Farm farm;
+        std::vector<Machines::Machine> some;
+        for (std::size_t i = 0; i < count; ++i)
+            some.push_back({"m" + std::to_string(i), 1'000.0 * static_cast<double>(i + 1)});
+        Machines machines(farm, some, even);
+        machines.run(farm.submit("client", automatic(1, 160, 120))); // and they are known
+        machines.ray_time = slow_on_the_right;
+        std::vector<std::pair<double, double>> told; // when, and until when
+        const Instant begin = farm.now;
+        double share = 0;
+        machines.watch = [&](const JobState& s) {
+            CHECK(s.share_done > share - 0.02);
+            share = s.share_done;
+            const double at = seconds(farm.now - begin);
+            if (s.share_per_s > 0)
+                told.emplace_back(at, at + (1 - s.share_done) / s.share_per_s);
+        };
+        const double took = seconds(machines.run(farm.submit("client", automatic(2, 640, 480))));
+        for (const auto& [at, end] : told)
+            if (at > 0.1 * took && at < 0.95 * took)
+                CHECK(std::abs(end - took) < 0.2 * (took - at));
     }
 }
 

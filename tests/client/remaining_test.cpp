@@ -98,8 +98,16 @@ TEST_CASE("workers that come change what remains, those that come and go do not"
     CHECK(left_after(remaining) == doctest::Approx((1 - share + 0.002) / 0.002));
     run(150, 0.004);
     CHECK(left_after(remaining) == doctest::Approx((1 - share + 0.004) / 0.004).epsilon(0.03));
-    run(151, 0.001); // for a moment
-    CHECK(left_after(remaining) == doctest::Approx((1 - share + 0.001) / 0.004).epsilon(0.125));
+    run(151, 0.002); // for a moment
+    CHECK(left_after(remaining) == doctest::Approx((1 - share + 0.002) / 0.004).epsilon(0.125));
+}
+
+TEST_CASE("a pace that was thought to be far too high at first is forgotten within a second") {
+    Remaining remaining;
+    remaining.update(100ms, 0.01, 3);
+    for (Duration t = 200ms; t <= 1s; t += 100ms)
+        remaining.update(t, 0.02, 0.1);
+    CHECK(left_after(remaining) == doctest::Approx(9.8).epsilon(0.15));
 }
 
 TEST_CASE("of a job that stands still nobody says when it ends") {
