@@ -68,6 +68,8 @@ Instant Dispatcher::next_deadline() const {
 
 std::vector<std::string> Dispatcher::describe(Instant now) const {
     std::vector<std::string> lines;
+    lines.push_back(counted(workers_.size(), "worker") + ", " + counted(jobs_.size(), "job") +
+                    ", " + counted(client_count(), "client"));
     for (const auto& [peer, worker] : workers_)
         lines.push_back(
             "worker " + worker.hello.worker_name + " " + to_string(worker.hello.worker) + ": " +

@@ -18,6 +18,7 @@
 #include "worker/options.hpp"
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -25,6 +26,7 @@
 #include <optional>
 #include <string>
 #include <system_error>
+#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -139,6 +141,19 @@ private:
     bool said_ = false;
 };
 
+/// Why no file can be made in that folder, which need not be there yet. Empty: it can.
+std::string why_no_folder(const std::filesystem::path& folder) {
+    std::error_code ignored;
+    std::filesystem::path at = std::filesystem::absolute(folder, ignored);
+    while (!std::filesystem::exists(at, ignored) && at.has_relative_path())
+        at = at.parent_path();
+    if (!std::filesystem::is_directory(at, ignored))
+        return at.string() + " is no directory";
+    if (access(at.c_str(), W_OK | X_OK) != 0)
+        return at.string() + ": " + std::generic_category().message(errno);
+    return {};
+}
+
 /// What is in the store, for people; read to the last byte.
 int check_state(const std::string& state) {
     if (state == "none") {
@@ -148,7 +163,9 @@ int check_state(const std::string& state) {
     std::error_code ignored;
     if (const auto file = std::filesystem::path(state) / broker::store_file_name;
         !std::filesystem::exists(file, ignored)) {
-        fmt::print("{}: there is no such store\n", file.string());
+        if (const std::string why = why_no_folder(state); !why.empty())
+            return fail("--state " + state + ": " + why);
+        fmt::print("{}: there is no store yet: it will be made\n", file.string());
         return 0;
     }
     const auto store = broker::Store::open(state);

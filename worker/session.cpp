@@ -224,7 +224,8 @@ void Session::keep_time(Turn& turn) {
 void Session::hello(Turn& turn) {
     if (unanswered_hellos_ > 0 && !std::exchange(absence_said_, true))
         turn.log(LogLevel::warning, "broker_absent",
-                 "the broker does not answer; asking again until it does");
+                 "the broker does not answer; asking again until it does (fraja-broker starts "
+                 "one, -b names another, fraja-ctl doctor says what is wrong)");
     const double seconds_done = seconds(render_time_);
     const double speed =
         seconds_done > 0 ? static_cast<double>(rays_done_) / seconds_done * identity_.threads : 0.0;

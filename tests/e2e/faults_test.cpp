@@ -218,7 +218,7 @@ TEST_CASE("what a killed broker had of a picture is not drawn again") {
     CHECK(farm.broker().wait_for_exit(patience) == 0);
     for (const auto& [directory, says] :
          {std::pair{state, "1 job, 1 of them over, " + std::to_string(all) + " tiles"},
-          std::pair{scratch.file("none"), std::string("there is no such store")}}) {
+          std::pair{scratch.file("none"), std::string("there is no store yet: it will be made")}}) {
         const auto checked =
             run({{program("fraja-broker"), "--state", directory, "--check"}}, patience);
         REQUIRE(checked.has_value());
@@ -227,6 +227,11 @@ TEST_CASE("what a killed broker had of a picture is not drawn again") {
         CHECK(contains(checked->out, says));
     }
     CHECK_FALSE(fs::exists(scratch.file("none")));
+    const auto bad =
+        run({{program("fraja-broker"), "--state", "/dev/null/state", "--check"}}, patience);
+    REQUIRE(bad.has_value());
+    CHECK(bad->exit == 2);
+    CHECK(contains(bad->err, "--state /dev/null/state: /dev/null is no directory"));
 }
 
 // Passes that were complete come again: they belong to a new picture.

@@ -94,6 +94,22 @@ TEST_CASE("no broker: what is there instead, and three ways on") {
     }
 }
 
+TEST_CASE("a worker without a broker goes on asking, and says what to do") {
+    auto started =
+        Process::start({{program("fraja-worker"), "-j", "1", "-b", "tcp://127.0.0.1:1"}});
+    REQUIRE(started.has_value());
+    Process& worker = *started;
+    CHECK(worker
+              .wait_for_words(Process::Stream::err,
+                              "tcp://127.0.0.1:1: the broker does not answer; asking again until "
+                              "it does (fraja-broker starts one, -b names another, fraja-ctl "
+                              "doctor says what is wrong)",
+                              patience)
+              .has_value());
+    worker.send(SIGTERM);
+    CHECK(worker.wait_for_exit(patience) == 0);
+}
+
 TEST_CASE("while a broker is looked for, that is said") {
     const auto said = [](const Words& words) {
         const auto result = run(

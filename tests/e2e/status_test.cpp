@@ -272,6 +272,7 @@ TEST_CASE("USR1 writes the state to the log, as often as it is asked for") {
         INFO(farm.broker().story());
         REQUIRE(worker.has_value());
     }
+    CHECK(contains(farm.broker().err(), "1 worker, 1 job, 0 clients"));
     CHECK(contains(farm.broker().err(), "job #1 picture " + id + ": "));
 }
 
