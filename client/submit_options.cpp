@@ -191,7 +191,7 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
         "failed or was cancelled goes on with what it has");
     app.add_option("--timeout", a.timeout,
                    "Leave after this time with exit 124; the job goes on, but with --local or "
-                   "--direct, where what is done is saved")
+                   "--direct, where what is done is saved as NAME.unfinished.png")
         ->type_name("T");
     a.preview.add_to(app, "none", true);
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");

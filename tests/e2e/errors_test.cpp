@@ -239,32 +239,45 @@ TEST_CASE("an instruction set that is unknown is a usage error, wherever somethi
     CHECK(submit(remotely, unknown).exit == 0); // nothing is drawn here
 }
 
-TEST_CASE("an unfinished local picture does not replace one that was there") {
+TEST_CASE("an unfinished local picture never bears the name of a whole one") {
     const Scratch scratch;
-    const Words cone = {scene("cone"), "--local", "-r", "20x15", "-o", scratch.file("x.png")};
-    REQUIRE(submit(cone).exit == 0);
-    const std::string before = bytes_of(scratch.file("x.png"));
-    auto client = Process::start(
-        {{program("fraja-submit"), scene("overlapping_spheres"), "--local", "-r", "640x480", "-a",
-          "16", "--tile", "2", "--progress", "json", "-o", scratch.file("x.png")}});
-    REQUIRE(client.has_value());
-    const auto begun = client->wait_for_line(
-        Process::Stream::err,
-        [](std::string_view line) {
-            return contains(line, "\"running\"") && !contains(line, "\"done_count\":0,");
-        },
-        patience);
-    INFO(client->story());
-    REQUIRE(begun.has_value());
-    client->send(SIGINT);
-    CHECK(client->wait_for_exit(patience) == 130);
-    CHECK((bytes_of(scratch.file("x.png")) == before));
-    CHECK(contains(client->err(), "x.unfinished.png"));
-    CHECK(fs::exists(scratch.file("x.unfinished.png")));
-    const auto timed_out = submit({scene("overlapping_spheres"), "--local", "-r", "640x480", "-a",
-                                   "16", "--timeout", "300ms", "-o", scratch.file("x.png")});
-    CHECK(timed_out.exit == 124);
-    CHECK((bytes_of(scratch.file("x.png")) == before));
+    const std::string whole = scratch.file("x.png"), unfinished = scratch.file("x.unfinished.png");
+    const Words slow = {scene("overlapping_spheres"),
+                        "--local",
+                        "-r",
+                        "640x480",
+                        "-a",
+                        "16",
+                        "--tile",
+                        "2",
+                        "-o",
+                        whole};
+    const auto interrupted = [&] {
+        auto client =
+            Process::start({with({program("fraja-submit")}, with(slow, {"--progress", "json"}))});
+        REQUIRE(client.has_value());
+        const auto begun = client->wait_for_line(
+            Process::Stream::err,
+            [](std::string_view line) {
+                return contains(line, "\"running\"") && !contains(line, "\"done_count\":0,");
+            },
+            patience);
+        INFO(client->story());
+        REQUIRE(begun.has_value());
+        client->send(SIGINT);
+        CHECK(client->wait_for_exit(patience) == 130);
+        CHECK(contains(client->err(), unfinished + " holds the "));
+        CHECK(fs::exists(unfinished));
+        fs::remove(unfinished);
+    };
+    interrupted();
+    CHECK_FALSE(fs::exists(whole)); // --skip-existing would take it for done
+    REQUIRE(submit({scene("cone"), "--local", "-r", "20x15", "-o", whole}).exit == 0);
+    const std::string before = bytes_of(whole);
+    interrupted();
+    CHECK((bytes_of(whole) == before));
+    CHECK(submit(with(slow, {"--timeout", "300ms"})).exit == 124);
+    CHECK((bytes_of(whole) == before));
 }
 
 TEST_CASE("a refused scene tells scripts why") {
