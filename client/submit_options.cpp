@@ -57,6 +57,7 @@ struct Arguments {
                           {"--detach", "--stats"},
                           {"--detach", "--skip-existing"},
                           {"--detach", "--preview"},
+                          {"--detach", "--travel"},
                           {"--resume", "--local"},
                           {"--resume", "--direct"},
                           {"--resume", "--time-limit"},
@@ -332,6 +333,10 @@ Result<void> read_conduct(Arguments& a) {
             return invalid_option("--timeout " + a.timeout +
                                   ": a duration is written as 90, 90s, 5m or 1h30m");
     }
+    if (o.detach && !o.travel_file.empty())
+        return invalid_option("--detach and --travel contradict each other: a film's frames are "
+                              "submitted as machines come free, so leave it running; once "
+                              "interrupted, it goes on with --skip-existing --resume");
     if (o.detach && !o.output.empty())
         return invalid_option("--detach leaves before there is a picture: without --output; use "
                               "fraja-ctl get JOB -o FILE later");

@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* watch_name = "fraja-watch";
 constexpr const char* watch_examples = R"(Examples:
-  fraja-watch                      the table of jobs and workers, live
+  fraja-watch                      the tables of broker, jobs and workers, live
   fraja-watch '#17'                the tiles of job 17, one line each, as they finish
   fraja-watch cone -o now.png      also keep a picture current
   fraja-watch cone --tev           also show it in tev, which runs here

@@ -232,6 +232,23 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
     }
 }
 
+TEST_CASE("a film is not detached from, with or without names for its frames") {
+    for (const char* line :
+         {"a.raj --travel t.raj --detach", "a.raj --travel t.raj --detach -o f%04d.png"}) {
+        CAPTURE(line);
+        const auto early = parse_submit_options(words(line));
+        REQUIRE(std::holds_alternative<EarlyExit>(early));
+        CHECK(std::get<EarlyExit>(early).code == 2);
+        const std::string& text = std::get<EarlyExit>(early).text;
+        CHECK(text.find("--detach and --travel contradict each other") != std::string::npos);
+        CHECK(text.find("--skip-existing --resume") != std::string::npos);
+    }
+    const SubmitOptions again =
+        submit("a.raj --travel t.raj -o f%04d.png --skip-existing --resume");
+    CHECK(again.skip_existing);
+    CHECK(again.resume);
+}
+
 TEST_CASE("an option goes before the environment, that before the default") {
     const Variable broker("FRAJA_BROKER", "tcp://env:1,other:2");
     CHECK(submit("a.raj").shared.brokers ==

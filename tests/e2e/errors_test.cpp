@@ -331,6 +331,16 @@ TEST_CASE("a program that gets no threads ends and says so") {
     }
 }
 
+TEST_CASE("fraja-watch off a terminal shows the broker before jobs and workers") {
+    Farm farm;
+    const auto result = run({{program("fraja-watch"), "-b", farm.endpoint(), "--once"}}, patience);
+    REQUIRE(result.has_value());
+    CHECK(result->exit == 0);
+    CHECK(result->out.starts_with("BROKER "));
+    CHECK(result->out.find(farm.endpoint()) < result->out.find("no jobs"));
+    CHECK(result->out.find("no jobs") < result->out.find("no workers"));
+}
+
 TEST_CASE("a dry run checks everything and submits nothing") {
     const Scratch scratch;
     const auto result = submit(
