@@ -132,11 +132,11 @@ Result<PictureEncoding> EncodingArguments::read(const std::string& output,
     const auto kind = pixel_kind(output);
     if (!kind)
         return invalid_option(kind.error().message);
-    if (*kind == PixelKind::radiance && !transfer_.empty() && !origins.is_setting("--transfer"))
+    if (*kind != PixelKind::levels8 && !transfer_.empty() && !origins.is_setting("--transfer"))
         return invalid_option("--transfer " + transfer_ + ": " + output +
                               " holds light itself, not levels; leave it out, or choose .png");
-    if (*kind == PixelKind::levels8 && half_ && !origins.is_setting("--half"))
-        return invalid_option("--half is for .exr: " + output + " has 8 bits for each colour");
+    if (*kind != PixelKind::radiance_and_more && half_ && !origins.is_setting("--half"))
+        return invalid_option("--half is for .exr: " + output + " has no 16-bit floats");
     return encoding;
 }
 

@@ -72,7 +72,8 @@ struct Arguments {
 
 void add_picture_options(CLI::App& app, Arguments& a) {
     app.add_option("-o,--output", a.options.output,
-                   "Picture file: .png .tif .jpg .bmp .ppm .tga, or .exr (linear, with metadata)")
+                   "Picture file: .png .tif .jpg .webp .bmp .ppm .tga .dpx ..., what OpenImageIO "
+                   "writes; or .exr (linear, with metadata), .hdr (linear)")
         ->default_str("scene name + .png")
         ->type_name("FILE");
     a.encoding.add_to(app);
@@ -385,7 +386,7 @@ Result<void> read_encoding(Arguments& a) {
         return encoding.error();
     o.encoding = *encoding;
     if (const auto kind = pixel_kind(o.output);
-        o.settings.layers && kind && *kind == PixelKind::levels8) {
+        o.settings.layers && kind && *kind != PixelKind::radiance_and_more) {
         if (a.origins.is_setting("--layers"))
             return o.settings.layers = false, Result<void>();
         return invalid_option("--layers are for .exr: " + o.output + " holds colours alone");
