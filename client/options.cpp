@@ -110,6 +110,12 @@ bool PreviewArgument::is_mode(const std::string& word) {
     return std::ranges::count(preview_modes.list(), word) > 0;
 }
 
+std::string PreviewArgument::cure_of(const std::string& word) {
+    const std::vector<std::string> modes = preview_modes.list();
+    const std::vector<std::string_view> views(modes.begin(), modes.end());
+    return comma_list(modes) + did_you_mean(meant_name(word, views));
+}
+
 PreviewMode PreviewArgument::read() const {
     return preview_modes.of(mode_);
 }
@@ -138,6 +144,14 @@ Result<PictureEncoding> EncodingArguments::read(const std::string& output,
     if (*kind != PixelKind::radiance_and_more && half_ && !origins.is_setting("--half"))
         return invalid_option("--half is for .exr: " + output + " has no 16-bit floats");
     return encoding;
+}
+
+Result<void> check_one_picture(const std::string& output) {
+    if (output.find('%') == std::string::npos)
+        return {};
+    return invalid_option("--output " + output +
+                          ": % is for the numbers of a film's frames "
+                          "(fraja-submit --travel); a job is one picture");
 }
 
 SessionOptions session_options(const SharedOptions& shared) {

@@ -167,6 +167,9 @@ public:
         if (options_.dry_run) {
             if (!options_.shared.json)
                 print_plan();
+            report_.output = options_.output;
+            report_.broker =
+                options_.own_farm() ? std::string() : comma_list(options_.shared.brokers);
             return end("dry_run", {});
         }
         processor_time_before_ = net::processor_time();

@@ -424,13 +424,24 @@ Result<void> read_film(Arguments& a) {
     return {};
 }
 
-/// --preview may stand alone; a mode behind it is its own.
-void complete_preview(std::vector<std::string>& arguments) {
-    for (std::size_t i = 0; i + 1 < arguments.size() && arguments[i] != "--"; ++i)
-        if (arguments[i] == "--preview" && PreviewArgument::is_mode(arguments[i + 1])) {
-            arguments[i] += "=" + arguments[i + 1];
+/// --preview may stand alone; a mode behind it is its own. Errors: what stands behind it is neither
+/// a mode nor a scene.
+Result<void> complete_preview(std::vector<std::string>& arguments) {
+    for (std::size_t i = 0; i + 1 < arguments.size() && arguments[i] != "--"; ++i) {
+        const std::string next = arguments[i + 1];
+        if (arguments[i] != "--preview" || next.starts_with('-'))
+            continue;
+        std::error_code ignored;
+        if (PreviewArgument::is_mode(next)) {
+            arguments[i] += "=" + next;
             arguments.erase(arguments.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+        } else if (!std::filesystem::path(next).has_extension() &&
+                   !std::filesystem::exists(next, ignored)) {
+            return invalid_option("--preview " + next + ": there is no scene of that name, and " +
+                                  "the modes are " + PreviewArgument::cure_of(next));
         }
+    }
+    return {};
 }
 
 } // namespace
@@ -445,7 +456,8 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
-    complete_preview(arguments);
+    if (const auto good = complete_preview(arguments); !good)
+        return cli::usage_error(submit_name, good.error().message);
     if (auto early = cli::parse(app, std::move(arguments), a.origins))
         return *early;
     for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names,

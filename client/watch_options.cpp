@@ -116,7 +116,11 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         options.serve = std::move(serve);
     } else if (serve.allow_control) {
         return mistake("--allow-control needs --serve");
+    } else if (origins.is_typed("--token-file")) {
+        return mistake("--token-file needs --serve: it is the live page that a token opens");
     }
+    if (const auto good = check_one_picture(options.output); !good)
+        return mistake(good.error().message);
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return mistake("that is no JOB: it is too long");
     const auto how = encoding.read(options.output, origins);

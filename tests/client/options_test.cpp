@@ -219,6 +219,10 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj -b " + endpoints(65), "-b: at most 64"},
                            Row{"a.raj" + repeated(65, " --tag t"), "--tag: at most 64"},
                            Row{"a.raj --tag " + std::string(201, 't'), "--tag"},
+                           Row{"a.raj --half -o a.hdr", "--half is for .exr"},
+                           Row{"a.raj --layers -o a.hdr", "--layers are for .exr"},
+                           Row{"a.raj --transfer srgb -o a.hdr", "--transfer srgb: a.hdr"},
+                           Row{"a.raj -o a.gif", "a.gif: this format is not written: "},
                            Row{"a.raj -n " + std::string(201, 'n'), "-n"}}) {
         CAPTURE(row.line);
         const auto parsed = parse_submit_options(words(row.line));
