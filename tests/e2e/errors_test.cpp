@@ -198,8 +198,9 @@ TEST_CASE("a signal is heard while a scene is read from a pipe") {
     }
 }
 
-TEST_CASE("help opens with examples and version says the version") {
-    for (const char* name : {"fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch"}) {
+TEST_CASE("help opens with examples, and version says version, revision and instruction set") {
+    for (const char* name :
+         {"fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch", "fraja-ctl"}) {
         CAPTURE(name);
         const auto help = run({{program(name), "--help"}}, patience);
         REQUIRE(help.has_value());
@@ -208,7 +209,10 @@ TEST_CASE("help opens with examples and version says the version") {
         const auto version = run({{program(name), "--version"}}, patience);
         REQUIRE(version.has_value());
         CHECK(version->exit == 0);
-        CHECK(contains(version->out, name));
+        CAPTURE(version->out);
+        const std::regex line(std::string(name) + R"( \d+\.\d+\.\d+, revision )" +
+                              R"(([0-9a-f]{12}(\+changes)?|unknown), (x86-64(-v[234])?|arm64)\n)");
+        CHECK(std::regex_match(version->out, line));
     }
 }
 
@@ -347,4 +351,37 @@ TEST_CASE("a dry run checks everything and submits nothing") {
         {scene("cone"), "--dry-run", "-b", "tcp://127.0.0.1:1", "-o", scratch.file("x.png")});
     CHECK(result.exit == 0);
     CHECK_FALSE(fs::exists(scratch.file("x.png")));
+}
+
+TEST_CASE("a dry run's JSON says as much as its words") {
+    const Scratch scratch;
+    const std::string path = scratch.file("x.png");
+    const auto planned = [&](const Words& more) {
+        const auto result = submit(with({scene("cone"), "--dry-run", "--json"}, more));
+        CHECK(result.exit == 0);
+        return nlohmann::json::parse(result.out);
+    };
+    const auto there = planned({"-b", "127.0.0.1:1", "-o", path});
+    CHECK(there.at("state") == "dry_run");
+    CHECK(there.at("output") == path);
+    CHECK(there.at("broker") == "tcp://127.0.0.1:1");
+    CHECK(planned({"--local", "-o", path}).at("broker").is_null());
+    const auto film =
+        planned({"--travel", scene("travels/cone"), "--frames", "2", "-o", scratch.file("%d.png")});
+    CHECK(film.at("frames").at(0).at("output") == scratch.file("2.png"));
+}
+
+TEST_CASE("one whose job is cancelled meanwhile exits with 5 and writes nothing") {
+    const Scratch scratch;
+    Farm farm; // and no worker: it is not done before
+    Process client = farm.start_submit({scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")});
+    REQUIRE(client.wait_for_words(Process::Stream::err, ": job ", patience).has_value());
+    const auto cancelled =
+        run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", "cone"}}, patience);
+    REQUIRE(cancelled.has_value());
+    CHECK(cancelled->exit == 0);
+    CHECK(client.wait_for_exit(patience) == 5);
+    INFO(client.story());
+    CHECK(contains(client.err(), "cancelled"));
+    CHECK(fs::is_empty(scratch.file("")));
 }
