@@ -103,6 +103,8 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
         return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no WORKER: it is too long");
+    if (const auto good = check_one_picture(output); !good)
+        return cli::usage_error(ctl_name, good.error().message);
     const auto how = encoding.read(output, origins);
     if (!how)
         return cli::usage_error(ctl_name, origins.blame(how.error().message));

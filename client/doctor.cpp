@@ -263,10 +263,9 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
              fmt::format("{} with {}", broker.workers, counted(broker.threads, "thread")),
              {}});
     if (broker.threads > 0 && broker.jobs_ready > 0 && broker.tiles_in_flight == 0)
-        findings.push_back(
-            {doubtful, "jobs",
-             counted(broker.jobs_ready, "job") + " to be rendered, and nobody at it",
-             "compare their tags with the workers': fraja-ctl jobs, workers --json"});
+        findings.push_back({doubtful, "jobs",
+                            counted(broker.jobs_ready, "job") + " to be rendered, and nobody at it",
+                            "fraja-ctl show JOB says why it waits"});
     return findings;
 }
 

@@ -2,6 +2,7 @@
 
 #include "client/columns.hpp"
 #include "client/table.hpp"
+#include "common/base/assert.hpp"
 #include "common/base/text.hpp"
 
 #include <algorithm>
@@ -68,7 +69,18 @@ std::string title(const FarmView& view) {
                        counted(workers.size(), "worker"), counted(threads, "thread"));
 }
 
+std::string broker_table(const FarmView& view) {
+    return brokers_table({{view.broker, view.known ? std::optional(view.farm) : std::nullopt,
+                           view.connected ? "" : "looking for it"}});
+}
+
 } // namespace
+
+std::string farm_page(const FarmView& view) {
+    FRAJA_ASSERT(view.known);
+    return broker_table(view) + "\n" + jobs_table(view.farm.jobs) + "\n" +
+           workers_table(view.farm.workers);
+}
 
 std::vector<std::string> farm_screen(const FarmView& view, const Window& window) {
     Lines lines;
@@ -76,8 +88,7 @@ std::vector<std::string> farm_screen(const FarmView& view, const Window& window)
         lines.insert(lines.end(), more.begin(), more.end());
     };
     add({title(view)});
-    add(lines_of(brokers_table({{view.broker, view.known ? std::optional(view.farm) : std::nullopt,
-                                 view.connected ? "" : "looking for it"}})));
+    add(lines_of(broker_table(view)));
     if (view.known) {
         const std::size_t taken = lines.size() + 2; // with the lines between the parts
         const std::size_t room = window.rows > taken ? window.rows - taken : 0;

@@ -1,4 +1,4 @@
-// The farm as it fills a terminal's window.
+// The farm as people see it: in a terminal's window, or line by line.
 #pragma once
 
 #include "client/preview/fit.hpp"
@@ -16,6 +16,9 @@ struct FarmView {
     bool known = false; ///< `farm` has come
     protocol::FarmState farm;
 };
+
+/// The tables of broker, jobs and workers, whole; the farm must be known.
+[[nodiscard]] std::string farm_page(const FarmView& view);
 
 /// At most as many lines as the window has, none wider. Where there is no room for all jobs, those
 /// that are not over are shown before others, the newest first; what is left out is counted.

@@ -215,6 +215,8 @@ std::string submit_json(const SubmissionReport& r) {
     json["settings"] = settings_object(r.settings);
     if (!r.output.empty())
         json["output"] = r.output;
+    if (r.broker)
+        json["broker"] = r.broker->empty() ? Json() : Json(*r.broker);
     if (r.job.number != 0 || r.job.job != JobId{}) {
         json["job"] = fraja::to_string(r.job.job);
         json["number"] = r.job.number;

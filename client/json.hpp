@@ -47,7 +47,8 @@ struct SubmissionReport {
     protocol::JobState job; ///< zero where none was acknowledged
     protocol::PictureSettings settings;
     ContentHash scene;
-    std::string output; ///< empty: none was written
+    std::string output;                ///< that was written, or would be in a dry run; empty: none
+    std::optional<std::string> broker; ///< who would be asked in a dry run; empty: nobody
     std::optional<Estimate> estimate;
     std::size_t workers = 0;   ///< that rendered at least one tile
     Duration processor_time{}; ///< of this process, from the submission on
@@ -61,7 +62,7 @@ struct FilmReport {
     struct Frame {
         std::uint32_t number = 0;
         std::string state = "not_submitted"; ///< a phase, or "skipped"
-        std::string reason, output;          ///< empty: none; none was written
+        std::string reason, output;          ///< empty: none; output as of a picture
         protocol::JobState job;              ///< zero where none was acknowledged
     };
     Outcome outcome;

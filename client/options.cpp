@@ -110,6 +110,12 @@ bool PreviewArgument::is_mode(const std::string& word) {
     return std::ranges::count(preview_modes.list(), word) > 0;
 }
 
+std::string PreviewArgument::cure_of(const std::string& word) {
+    const std::vector<std::string> modes = preview_modes.list();
+    const std::vector<std::string_view> views(modes.begin(), modes.end());
+    return comma_list(modes) + did_you_mean(meant_name(word, views));
+}
+
 PreviewMode PreviewArgument::read() const {
     return preview_modes.of(mode_);
 }
@@ -132,12 +138,20 @@ Result<PictureEncoding> EncodingArguments::read(const std::string& output,
     const auto kind = pixel_kind(output);
     if (!kind)
         return invalid_option(kind.error().message);
-    if (*kind == PixelKind::radiance && !transfer_.empty() && !origins.is_setting("--transfer"))
+    if (*kind != PixelKind::levels8 && !transfer_.empty() && !origins.is_setting("--transfer"))
         return invalid_option("--transfer " + transfer_ + ": " + output +
                               " holds light itself, not levels; leave it out, or choose .png");
-    if (*kind == PixelKind::levels8 && half_ && !origins.is_setting("--half"))
-        return invalid_option("--half is for .exr: " + output + " has 8 bits for each colour");
+    if (*kind != PixelKind::radiance_and_more && half_ && !origins.is_setting("--half"))
+        return invalid_option("--half is for .exr: " + output + " has no 16-bit floats");
     return encoding;
+}
+
+Result<void> check_one_picture(const std::string& output) {
+    if (output.find('%') == std::string::npos)
+        return {};
+    return invalid_option("--output " + output +
+                          ": % is for the numbers of a film's frames "
+                          "(fraja-submit --travel); a job is one picture");
 }
 
 SessionOptions session_options(const SharedOptions& shared) {

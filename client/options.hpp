@@ -56,6 +56,8 @@ public:
     void add_to(CLI::App& app, std::string absent, bool may_stand_alone);
     [[nodiscard]] PreviewMode read() const;
     [[nodiscard]] static bool is_mode(const std::string& word);
+    /// What to say of a word that is none.
+    [[nodiscard]] static std::string cure_of(const std::string& word);
 
 private:
     std::string mode_;
@@ -75,6 +77,9 @@ private:
     std::string transfer_;
     bool half_ = false;
 };
+
+/// A name for the file of one picture numbers no frames. Errors: it does. Empty: there is none.
+[[nodiscard]] Result<void> check_one_picture(const std::string& output);
 
 /// For keep_freed_memory(): little, as a picture is memory enough.
 inline constexpr std::size_t kept_freed_bytes = std::size_t{8} << 20;

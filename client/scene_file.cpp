@@ -61,8 +61,12 @@ Result<SceneFile> read_scene_file(const std::filesystem::path& path) {
                      path.string() + ": this is no scene: a .raj file is text, and opens with "
                                      "raja.renderer.Scene {"};
     if (const auto scene = read_raj(as_text(file.text), path.string(), limits, &file.warnings);
-        !scene)
-        return scene.error();
+        !scene) {
+        Error error = scene.error();
+        if (error.message.starts_with(path.string() + ":1:1: ")) // not a word of it is right
+            error.message += "; is this a scene? A .raj file opens with raja.renderer.Scene {";
+        return error;
+    }
     file.hash = protocol::content_hash(file.text);
     return file;
 }

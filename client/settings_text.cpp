@@ -106,7 +106,7 @@ std::string settings_options(const Settings& s) {
 std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job) {
     const Settings& s = job.settings;
     std::vector<PictureAttribute> attributes = {
-        {"Software", version_line("Fraja")},
+        {"Software", build_line("Fraja")},
         {"fraja:scene", fraja::to_string(job.scene)},
         {"fraja:size", size_text(s)},
         {"fraja:crop", crop_text(s)},

@@ -167,6 +167,9 @@ public:
         if (options_.dry_run) {
             if (!options_.shared.json)
                 print_plan();
+            report_.output = options_.output;
+            report_.broker =
+                options_.own_farm() ? std::string() : comma_list(options_.shared.brokers);
             return end("dry_run", {});
         }
         processor_time_before_ = net::processor_time();
@@ -327,15 +330,13 @@ private:
         report_.output = output;
         const double share = static_cast<double>(picture->pixels_placed()) /
                              static_cast<double>(options_.settings.crop.pixel_count());
-        console_.warning(fmt::format("stopped: {} holds the {:.0f}% that were done", output,
-                                     std::floor(100 * share)));
+        console_.warning(fmt::format("stopped: {} holds the {:.0f}% that were done; only a whole "
+                                     "picture becomes {}",
+                                     output, std::floor(100 * share), options_.output));
     }
 
-    /// A picture that was there before is not given up for an unfinished one.
+    /// What bears the picture's own name is whole: --skip-existing believes that.
     [[nodiscard]] std::string unfinished_output() const {
-        std::error_code ignored;
-        if (!std::filesystem::exists(options_.output, ignored))
-            return options_.output;
         std::filesystem::path beside = options_.output;
         beside.replace_extension(".unfinished" + beside.extension().string());
         return beside.string();

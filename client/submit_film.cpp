@@ -123,6 +123,9 @@ public:
         if (options_.dry_run) {
             if (!options_.shared.json)
                 print_plan();
+            for (const std::size_t index : waiting_)
+                report_.frames[index].output =
+                    frame_file(options_.output, report_.frames[index].number);
             return end({});
         }
         if (waiting_.empty()) {

@@ -57,6 +57,7 @@ struct Arguments {
                           {"--detach", "--stats"},
                           {"--detach", "--skip-existing"},
                           {"--detach", "--preview"},
+                          {"--detach", "--travel"},
                           {"--resume", "--local"},
                           {"--resume", "--direct"},
                           {"--resume", "--time-limit"},
@@ -71,7 +72,8 @@ struct Arguments {
 
 void add_picture_options(CLI::App& app, Arguments& a) {
     app.add_option("-o,--output", a.options.output,
-                   "Picture file: .png .tif .jpg .bmp .ppm .tga, or .exr (linear, with metadata)")
+                   "Picture file: .png .tif .jpg .webp .bmp .ppm .tga .dpx ..., what OpenImageIO "
+                   "writes; or .exr (linear, with metadata), .hdr (linear)")
         ->default_str("scene name + .png")
         ->type_name("FILE");
     a.encoding.add_to(app);
@@ -191,7 +193,7 @@ void add_conduct_options(CLI::App& app, Arguments& a) {
         "failed or was cancelled goes on with what it has");
     app.add_option("--timeout", a.timeout,
                    "Leave after this time with exit 124; the job goes on, but with --local or "
-                   "--direct, where what is done is saved")
+                   "--direct, where what is done is saved as NAME.unfinished.png")
         ->type_name("T");
     a.preview.add_to(app, "none", true);
     app.add_flag("--dry-run", o.dry_run, "Check everything and say what would be rendered");
@@ -332,6 +334,10 @@ Result<void> read_conduct(Arguments& a) {
             return invalid_option("--timeout " + a.timeout +
                                   ": a duration is written as 90, 90s, 5m or 1h30m");
     }
+    if (o.detach && !o.travel_file.empty())
+        return invalid_option("--detach and --travel contradict each other: a film's frames are "
+                              "submitted as machines come free, so leave it running; once "
+                              "interrupted, it goes on with --skip-existing --resume");
     if (o.detach && !o.output.empty())
         return invalid_option("--detach leaves before there is a picture: without --output; use "
                               "fraja-ctl get JOB -o FILE later");
@@ -380,7 +386,7 @@ Result<void> read_encoding(Arguments& a) {
         return encoding.error();
     o.encoding = *encoding;
     if (const auto kind = pixel_kind(o.output);
-        o.settings.layers && kind && *kind == PixelKind::levels8) {
+        o.settings.layers && kind && *kind != PixelKind::radiance_and_more) {
         if (a.origins.is_setting("--layers"))
             return o.settings.layers = false, Result<void>();
         return invalid_option("--layers are for .exr: " + o.output + " holds colours alone");
@@ -418,13 +424,24 @@ Result<void> read_film(Arguments& a) {
     return {};
 }
 
-/// --preview may stand alone; a mode behind it is its own.
-void complete_preview(std::vector<std::string>& arguments) {
-    for (std::size_t i = 0; i + 1 < arguments.size() && arguments[i] != "--"; ++i)
-        if (arguments[i] == "--preview" && PreviewArgument::is_mode(arguments[i + 1])) {
-            arguments[i] += "=" + arguments[i + 1];
+/// --preview may stand alone; a mode behind it is its own. Errors: what stands behind it is neither
+/// a mode nor a scene.
+Result<void> complete_preview(std::vector<std::string>& arguments) {
+    for (std::size_t i = 0; i + 1 < arguments.size() && arguments[i] != "--"; ++i) {
+        const std::string next = arguments[i + 1];
+        if (arguments[i] != "--preview" || next.starts_with('-'))
+            continue;
+        std::error_code ignored;
+        if (PreviewArgument::is_mode(next)) {
+            arguments[i] += "=" + next;
             arguments.erase(arguments.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+        } else if (!std::filesystem::path(next).has_extension() &&
+                   !std::filesystem::exists(next, ignored)) {
+            return invalid_option("--preview " + next + ": there is no scene of that name, and " +
+                                  "the modes are " + PreviewArgument::cure_of(next));
         }
+    }
+    return {};
 }
 
 } // namespace
@@ -439,7 +456,8 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     a.shared.add_to(app, submit_name,
                     kernel::instruction_set().value_or("no instruction set to render with"));
     a.broker = app.get_option("--broker");
-    complete_preview(arguments);
+    if (const auto good = complete_preview(arguments); !good)
+        return cli::usage_error(submit_name, good.error().message);
     if (auto early = cli::parse(app, std::move(arguments), a.origins))
         return *early;
     for (const auto read : {read_picture, read_tiles, read_direct, read_conduct, read_names,

@@ -17,17 +17,21 @@ namespace {
 
 using Row = std::vector<std::string>;
 
-/// Columns as wide as their widest cell; the ones marked '>' are set right.
+/// Columns as wide as their widest cell; the ones marked '>' are set right. The last cell of a row
+/// that is cut short stands across the columns that it does not have.
 std::string table_of(const std::vector<Row>& rows, std::string_view alignment) {
     std::vector<std::size_t> widths(alignment.size());
+    const auto is_across = [&](const Row& row, std::size_t c) {
+        return c + 1 == row.size() && row.size() < alignment.size();
+    };
     for (const Row& row : rows)
-        for (std::size_t c = 0; c < row.size(); ++c)
+        for (std::size_t c = 0; c < row.size() && !is_across(row, c); ++c)
             widths[c] = std::max(widths[c], columns_of(row[c]));
     std::string text;
     for (const Row& row : rows) {
         std::string line;
         for (std::size_t c = 0; c < row.size(); ++c) {
-            const std::string gap(widths[c] - columns_of(row[c]), ' ');
+            const std::string gap(is_across(row, c) ? 0 : widths[c] - columns_of(row[c]), ' ');
             line += (c == 0 ? "" : "  ") + (alignment[c] == '>' ? gap + row[c] : row[c] + gap);
         }
         line.resize(line.find_last_not_of(' ') + 1);
@@ -103,14 +107,14 @@ std::string brokers_table(const std::vector<AskedBroker>& brokers) {
         {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
     for (const auto& [endpoint, farm, trouble] : brokers) {
         if (!farm) {
-            rows.push_back({shortened(endpoint, 60), shortened(trouble, 60)});
+            rows.push_back({shortened(endpoint, 60), printable(trouble)});
             continue;
         }
         const protocol::BrokerState& b = farm->broker;
         const std::string state = !trouble.empty()     ? trouble
                                   : !b.trouble.empty() ? b.trouble
                                                        : "well";
-        rows.push_back({shortened(endpoint, 60), shortened(state, 60), printable(b.program_version),
+        rows.push_back({shortened(endpoint, 60), printable(state), printable(b.program_version),
                         format_duration(b.uptime), std::to_string(b.workers),
                         std::to_string(b.threads), std::to_string(b.clients),
                         std::to_string(b.jobs), fraja::to_string(b.broker)});

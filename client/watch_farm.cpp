@@ -87,13 +87,17 @@ private:
             return show_on_screen();
         if (!std::exchange(changed_, false) || !view_.known)
             return;
-        const protocol::FarmState& farm = view_.farm;
-        std::string text = options_.shared.json
-                               ? farm_json(farm) + "\n"
-                               : jobs_table(farm.jobs) + "\n" + workers_table(farm.workers);
+        if (options_.shared.json) {
+            if (std::string text = farm_json(view_.farm) + "\n"; text != shown_)
+                outlet_.put(shown_ = std::move(text));
+            return;
+        }
+        FarmView compared = view_;
+        compared.farm.broker.uptime = {}; // which alone is no news
+        std::string text = farm_page(compared);
         if (text == shown_)
             return;
-        outlet_.put((shown_.empty() || options_.shared.json ? "" : "\n") + text);
+        outlet_.put((shown_.empty() ? "" : "\n") + farm_page(view_));
         shown_ = std::move(text);
     }
     void show_on_screen() {
@@ -111,7 +115,7 @@ private:
     FarmView view_;
     bool changed_ = false; ///< since it was shown
     bool left_ = false;
-    std::string shown_;
+    std::string shown_; ///< last, as far as it is news
     Window drawn_in_;
 };
 

@@ -1,4 +1,4 @@
-// fraja-watch without a JOB: the table of jobs and workers.
+// fraja-watch without a JOB: the tables of broker, jobs and workers.
 #pragma once
 
 #include "client/watch_options.hpp"

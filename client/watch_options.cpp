@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* watch_name = "fraja-watch";
 constexpr const char* watch_examples = R"(Examples:
-  fraja-watch                      the table of jobs and workers, live
+  fraja-watch                      the tables of broker, jobs and workers, live
   fraja-watch '#17'                the tiles of job 17, one line each, as they finish
   fraja-watch cone -o now.png      also keep a picture current
   fraja-watch cone --tev           also show it in tev, which runs here
@@ -116,7 +116,11 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         options.serve = std::move(serve);
     } else if (serve.allow_control) {
         return mistake("--allow-control needs --serve");
+    } else if (origins.is_typed("--token-file")) {
+        return mistake("--token-file needs --serve: it is the live page that a token opens");
     }
+    if (const auto good = check_one_picture(options.output); !good)
+        return mistake(good.error().message);
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return mistake("that is no JOB: it is too long");
     const auto how = encoding.read(options.output, origins);

@@ -35,6 +35,10 @@ Result<std::string> read_token(const std::filesystem::path& path) {
     };
     std::error_code ec;
     const fs::file_status status = fs::status(path, ec);
+    if (status.type() == fs::file_type::not_found)
+        return failed(ErrorCode::io, "there is no such file; to make one, type: (umask 077; head "
+                                     "-c 24 /dev/urandom | base64 | tr +/ -_ > " +
+                                         path.string() + ")");
     if (ec)
         return failed(ErrorCode::io, ec.message());
     constexpr fs::perms others = fs::perms::group_all | fs::perms::others_all;

@@ -25,9 +25,13 @@ std::string_view revision() {
     return FRAJA_REVISION;
 }
 
-std::string version_line(std::string_view program, std::string_view isa) {
+std::string build_line(std::string_view program) {
     return std::string(program) + " " + std::string(version) + ", revision " +
-           std::string(revision()) + ", " + std::string(isa);
+           std::string(revision());
+}
+
+std::string version_line(std::string_view program, std::string_view isa) {
+    return build_line(program) + ", " + std::string(isa);
 }
 
 } // namespace fraja

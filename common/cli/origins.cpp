@@ -28,9 +28,14 @@ std::size_t place_of_name(std::string_view text, std::string_view name) {
 Origins::Origins(std::vector<Exclusion> exclusions) : exclusions_(std::move(exclusions)) {}
 
 void Origins::note_typed(const CLI::App& app, const std::vector<std::string>& typed) {
-    for (const OptionCard& card : cards_of(app))
-        if (!card.names.empty())
-            typed_[card.name()] = card.typed_name(typed);
+    for (const OptionCard& card : cards_of(app)) {
+        if (card.names.empty())
+            continue;
+        if (std::string name = card.found_among(typed); !name.empty())
+            typed_[card.name()] = std::move(name);
+        else if (!card.variable.empty() && !app.get_option(card.name())->empty())
+            variables_[card.name()] = card.variable + " in the environment";
+    }
 }
 
 void Origins::note_setting(const CLI::Option& option, std::string place) {
@@ -50,6 +55,10 @@ const CLI::Option* Origins::excluder_of(const CLI::App& app, const CLI::Option& 
     return nullptr;
 }
 
+bool Origins::is_typed(const std::string& option) const {
+    return typed_.contains(option);
+}
+
 bool Origins::is_setting(const std::string& option) const {
     return places_.contains(option);
 }
@@ -61,11 +70,12 @@ std::string Origins::place_of(const std::string& option) const {
 
 std::string Origins::blame(std::string message) const {
     std::string opening, ending;
-    for (const auto& [name, place] : places_)
-        if (const std::size_t at = place_of_name(message, name); at == 0)
-            opening = place + ": ";
-        else if (at != std::string::npos)
-            ending += " (" + name + ": " + place + ")";
+    for (const auto* origins : {&places_, &variables_})
+        for (const auto& [name, place] : *origins)
+            if (const std::size_t at = place_of_name(message, name); at == 0)
+                opening = place + ": ";
+            else if (at != std::string::npos)
+                ending += " (" + name + ": " + place + ")";
     for (const auto& [name, as_typed] : typed_)
         if (as_typed != name && place_of_name(message, name) == 0)
             message.replace(0, name.size(), as_typed);

@@ -5,6 +5,7 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <memory>
 
@@ -30,6 +31,37 @@ std::string reason_of(std::string text) {
     return text.empty() ? "OpenImageIO gives no reason" : text;
 }
 
+/// A writer of OpenImageIO's, or an extension of one, that is not used.
+struct Unfit {
+    std::string_view name, why;
+};
+
+/// As of OpenImageIO 2.4.
+constexpr std::array unfit_writers{
+    Unfit{"avif", "OpenImageIO writes a .heic under that name"},
+    Unfit{"gif", "it has 256 colours, and OpenImageIO crashes over large ones"},
+    Unfit{"iff", "OpenImageIO crashes over small ones"},
+    Unfit{"jpeg2000", "OpenImageIO writes an empty file"},
+    Unfit{"null", "it holds nothing"},
+    Unfit{"pbm", "it holds no colours"},
+    Unfit{"pgm", "it holds no colours"}};
+
+/// The longest side of formats that have a limit, which their writers find only in the end.
+struct SideLimit {
+    std::string_view format;
+    std::uint32_t side_max;
+};
+constexpr std::array side_limits{SideLimit{"jpeg", 65'500}, SideLimit{"targa", 65'535},
+                                 SideLimit{"webp", 16'383}};
+/// libpng's; it serves for those that have none.
+constexpr std::uint32_t side_max = 1'000'000;
+
+PixelKind kind_of(std::string_view format, std::string_view extension) {
+    if (format == "openexr")
+        return PixelKind::radiance_and_more;
+    return format == "hdr" || extension == "pfm" ? PixelKind::radiance : PixelKind::levels8;
+}
+
 bool write_rows(OIIO::ImageOutput& out, const OIIO::ImageSpec& spec, const void* pixels) {
     const auto* row = static_cast<const std::byte*>(pixels);
     const std::size_t row_bytes = spec.format.size() * static_cast<std::size_t>(spec.nchannels) *
@@ -40,7 +72,7 @@ bool write_rows(OIIO::ImageOutput& out, const OIIO::ImageSpec& spec, const void*
     return true;
 }
 
-OIIO::ImageSpec spec_of(const PictureToEncode& picture) {
+OIIO::ImageSpec spec_of(const PictureToEncode& picture, std::string_view format) {
     const PixelRect& window = picture.window;
     const bool floats = std::holds_alternative<std::span<const float>>(picture.pixels);
     OIIO::ImageSpec spec(static_cast<int>(window.width), static_cast<int>(window.height), 3,
@@ -54,7 +86,7 @@ OIIO::ImageSpec spec_of(const PictureToEncode& picture) {
         spec.channelformats.assign(spec.channelnames.size(), OIIO::TypeFloat);
         std::fill_n(spec.channelformats.begin(), 3, OIIO::TypeHalf);
     }
-    if (picture.format.starts_with("jp")) { // .png would keep it as text
+    if (format == "jpeg") { // .png would keep it as text
         spec.attribute("Compression", "jpeg:95");
         spec.attribute("jpeg:subsampling", "4:4:4"); // colours as sharp as brightness
     }
@@ -128,17 +160,36 @@ std::vector<Channel> further_channels(const std::vector<float>& all, const OIIO:
 
 class OiioCodec final : public PictureCodec {
 public:
+    Result<PictureFormat> format_of(std::string_view extension) const override {
+        const std::unique_ptr<OIIO::ImageOutput> out =
+            OIIO::ImageOutput::create(std::string(extension));
+        if (!out) {
+            static_cast<void>(OIIO::geterror()); // it would be kept for another's
+            return Error{ErrorCode::not_found, "unknown extension"};
+        }
+        const std::string_view format = out->format_name();
+        for (const Unfit& unfit : unfit_writers)
+            if (unfit.name == format || unfit.name == extension)
+                return Error{ErrorCode::invalid_argument, std::string(unfit.why)};
+        // Those write their file themselves, and not all of them say that a disk is full.
+        if (!out->supports("ioproxy"))
+            return Error{ErrorCode::invalid_argument, "OpenImageIO cannot write it in memory"};
+        const auto limit = std::ranges::find(side_limits, format, &SideLimit::format);
+        return PictureFormat{kind_of(format, extension),
+                             limit == side_limits.end() ? side_max : limit->side_max};
+    }
+
     Result<std::vector<unsigned char>> encode(const PictureToEncode& picture) const override {
         keep_openexr_to_one_thread();
-        OIIO::ImageSpec spec = spec_of(picture);
-        std::vector<unsigned char> bytes;
-        OIIO::Filesystem::IOVecOutput memory(bytes);
-        OIIO::Filesystem::IOProxy* proxy = &memory;
-        spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
         const std::string name(picture.format);
         const std::unique_ptr<OIIO::ImageOutput> out = OIIO::ImageOutput::create(name);
         if (!out)
             return Error{ErrorCode::io, reason_of(OIIO::geterror())};
+        OIIO::ImageSpec spec = spec_of(picture, out->format_name());
+        std::vector<unsigned char> bytes;
+        OIIO::Filesystem::IOVecOutput memory(bytes);
+        OIIO::Filesystem::IOProxy* proxy = &memory;
+        spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
         const auto write = [&](const auto& pixels) {
             return out->open("picture." + name, spec) && write_rows(*out, spec, pixels.data()) &&
                    out->close();

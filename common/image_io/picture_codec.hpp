@@ -22,10 +22,21 @@ struct PictureToEncode {
     std::span<const PictureAttribute> attributes;
 };
 
+/// What a format can hold.
+struct PictureFormat {
+    PixelKind kind;
+    std::uint32_t side_max; ///< in pixels
+};
+
 class PictureCodec {
 public:
     virtual ~PictureCodec() = default;
-    /// The same picture gives the same bytes, at any time. Errors: io, saying only why.
+    /// Of the files that are written with that extension (without its dot, in lower case). Errors:
+    /// not_found (there is no such format), invalid_argument (its files are not written well),
+    /// saying only why.
+    [[nodiscard]] virtual Result<PictureFormat> format_of(std::string_view extension) const = 0;
+    /// The same picture gives the same bytes, at any time. Its format must be one that format_of()
+    /// knows. Errors: io, saying only why.
     [[nodiscard]] virtual Result<std::vector<unsigned char>>
     encode(const PictureToEncode& picture) const = 0;
     /// As fraja::read_levels().

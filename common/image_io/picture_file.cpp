@@ -12,19 +12,24 @@ namespace fraja {
 namespace {
 
 struct Format {
-    std::string_view extension;
+    std::string extension; ///< in lower case
     PixelKind kind;
-    std::uint32_t side_max;
 };
 
-// OpenImageIO knows more; these are the ones whose pixels, and bytes, our tests vouch for.
-// The limits are libjpeg's, Targa's and libpng's own; the last serves for those that have none.
-constexpr std::array formats{
-    Format{".png", PixelKind::levels8, 1'000'000}, Format{".exr", PixelKind::radiance, 1'000'000},
-    Format{".tif", PixelKind::levels8, 1'000'000}, Format{".tiff", PixelKind::levels8, 1'000'000},
-    Format{".jpg", PixelKind::levels8, 65'500},    Format{".jpeg", PixelKind::levels8, 65'500},
-    Format{".bmp", PixelKind::levels8, 1'000'000}, Format{".ppm", PixelKind::levels8, 1'000'000},
-    Format{".tga", PixelKind::levels8, 65'535}};
+struct NamedFormat {
+    std::string_view extension;
+    PixelKind kind;
+};
+
+// Those that help texts and messages name. They are known without loading OpenImageIO, which knows
+// more; these are also the ones whose pixels, and bytes, our tests vouch for.
+constexpr std::array named_formats{
+    NamedFormat{".png", PixelKind::levels8},  NamedFormat{".exr", PixelKind::radiance_and_more},
+    NamedFormat{".tif", PixelKind::levels8},  NamedFormat{".tiff", PixelKind::levels8},
+    NamedFormat{".jpg", PixelKind::levels8},  NamedFormat{".jpeg", PixelKind::levels8},
+    NamedFormat{".bmp", PixelKind::levels8},  NamedFormat{".ppm", PixelKind::levels8},
+    NamedFormat{".tga", PixelKind::levels8},  NamedFormat{".hdr", PixelKind::radiance},
+    NamedFormat{".webp", PixelKind::levels8}, NamedFormat{".dpx", PixelKind::levels8}};
 
 std::string lower_case(std::string text) {
     std::ranges::transform(text, text.begin(),
@@ -32,31 +37,69 @@ std::string lower_case(std::string text) {
     return text;
 }
 
-/// The format that the extension of `path` names, if its sides can be that long.
-Result<Format> find_format(const std::filesystem::path& path, Extent extent) {
-    const std::string extension = lower_case(path.extension().string());
-    std::array<std::string_view, formats.size()> names;
+/// " .png .exr ...".
+std::string all_names() {
     std::string all;
-    for (std::size_t i = 0; i < formats.size(); ++i) {
-        const Format& format = formats[i];
-        if (format.extension == extension) {
-            if (extent.width <= format.side_max && extent.height <= format.side_max)
-                return format;
-            return Error{ErrorCode::invalid_argument,
-                         path.string() + ": pictures of this format have at most " +
-                             std::to_string(format.side_max) + " pixels a side"};
-        }
-        names[i] = format.extension.substr(1);
+    for (const NamedFormat& format : named_formats)
         all.append(" ").append(format.extension);
-    }
-    std::string message = path.string();
+    return all;
+}
+
+/// What may have been meant by an extension that is unknown.
+std::string cure_of(std::string_view extension) {
+    std::array<std::string_view, named_formats.size()> names;
+    std::ranges::transform(named_formats, names.begin(),
+                           [](const NamedFormat& f) { return f.extension.substr(1); });
+    if (const auto nearest = nearest_name(extension.substr(1), names))
+        return did_you_mean("." + std::string(*nearest));
+    return "; use one of" + all_names();
+}
+
+/// What there is to say of one that the codec does not write.
+Error refusal(const std::filesystem::path& path, std::string_view extension, const Error& why) {
+    const bool unknown = why.code == ErrorCode::not_found;
+    return {ErrorCode::invalid_argument,
+            unknown ? path.string() + ": " + why.message + cure_of(extension)
+                    : path.string() + ": this format is not written: " + why.message +
+                          "; use one of" + all_names()};
+}
+
+/// The format that the extension of `path` names.
+Result<Format> find_format(const std::filesystem::path& path) {
+    const std::string extension = lower_case(path.extension().string());
     if (extension.size() < 2)
-        message.append(": the extension names the format; use one of").append(all);
-    else if (const auto nearest = nearest_name(extension.substr(1), names))
-        message += ": unknown extension" + did_you_mean("." + std::string(*nearest));
-    else
-        message.append(": unknown extension; use one of").append(all);
-    return Error{ErrorCode::invalid_argument, std::move(message)};
+        return Error{ErrorCode::invalid_argument,
+                     path.string() + ": the extension names the format; use one of" + all_names()};
+    if (const auto named = std::ranges::find(named_formats, extension, &NamedFormat::extension);
+        named != named_formats.end())
+        return Format{extension, named->kind};
+    const auto codec = picture_codec();
+    if (!codec)
+        return codec.error();
+    const auto format = (*codec)->format_of(extension.substr(1));
+    if (!format)
+        return refusal(path, extension, format.error());
+    return Format{extension, format->kind};
+}
+
+/// The same, if its sides can be that long.
+Result<Format> find_format(const std::filesystem::path& path, Extent extent) {
+    auto found = find_format(path);
+    if (!found)
+        return found;
+    const auto codec = picture_codec();
+    if (!codec)
+        return codec.error();
+    const auto format = (*codec)->format_of(found->extension.substr(1));
+    if (!format) // it is one of those with a name
+        return Error{ErrorCode::invalid_argument,
+                     path.string() +
+                         ": the OpenImageIO here was built without this format; use .png or .exr"};
+    if (extent.width > format->side_max || extent.height > format->side_max)
+        return Error{ErrorCode::invalid_argument,
+                     path.string() + ": pictures of this format have at most " +
+                         std::to_string(format->side_max) + " pixels a side"};
+    return found;
 }
 
 /// Encodes in memory and then writes the file ourselves: where a disk is full, libjpeg would end
@@ -73,7 +116,7 @@ Result<void> write_file(const std::filesystem::path& path, const PictureToEncode
 
 Result<void> write_levels_as(const Format& format, const std::filesystem::path& path,
                              const LevelsView& levels) {
-    return write_file(path, {.format = format.extension.substr(1),
+    return write_file(path, {.format = std::string_view(format.extension).substr(1),
                              .extent = levels.extent,
                              .window = {0, 0, levels.extent.width, levels.extent.height},
                              .pixels = levels.rgb,
@@ -81,9 +124,19 @@ Result<void> write_levels_as(const Format& format, const std::filesystem::path& 
                              .attributes = {}});
 }
 
-Result<void> write_radiance_as(const Format& format, const std::filesystem::path& path,
-                               const Film& film, std::span<const PictureAttribute> attributes,
-                               bool half) {
+Result<void> write_colours_as(const Format& format, const std::filesystem::path& path,
+                              const Film& film) {
+    const Extent extent{film.region().width, film.region().height};
+    return write_file(path, {.format = std::string_view(format.extension).substr(1),
+                             .extent = extent,
+                             .window = {0, 0, extent.width, extent.height},
+                             .pixels = film.pixels(),
+                             .channels = {},
+                             .attributes = {}});
+}
+
+Result<void> write_all_as(const Format& format, const std::filesystem::path& path, const Film& film,
+                          std::span<const PictureAttribute> attributes, bool half) {
     const std::size_t pixel_count = film.region().pixel_count();
     std::vector<std::string_view> names;
     std::vector<std::span<const float>> planes;
@@ -95,7 +148,7 @@ Result<void> write_radiance_as(const Format& format, const std::filesystem::path
         names.push_back(layer_names[i]);
         planes.push_back(film.layers().subspan(i * pixel_count, pixel_count));
     }
-    PictureToEncode picture{.format = format.extension.substr(1),
+    PictureToEncode picture{.format = std::string_view(format.extension).substr(1),
                             .extent = film.size(),
                             .window = film.region(),
                             .pixels = film.pixels(),
@@ -119,7 +172,7 @@ Result<void> write_radiance_as(const Format& format, const std::filesystem::path
 } // namespace
 
 Result<PixelKind> pixel_kind(const std::filesystem::path& path) {
-    const auto format = find_format(path, {1, 1});
+    const auto format = find_format(path);
     if (!format)
         return format.error();
     return format->kind;
@@ -128,11 +181,7 @@ Result<PixelKind> pixel_kind(const std::filesystem::path& path) {
 Result<void> check_writable(const std::filesystem::path& path, Extent extent) {
     if (const auto format = find_format(path, extent); !format)
         return format.error();
-    if (const auto replaceable = check_replaceable(path); !replaceable)
-        return replaceable.error();
-    if (const auto codec = picture_codec(); !codec)
-        return codec.error();
-    return {};
+    return check_replaceable(path);
 }
 
 Result<void> write_picture(const std::filesystem::path& path, const Film& film,
@@ -143,8 +192,10 @@ Result<void> write_picture(const std::filesystem::path& path, const Film& film,
     const auto format = find_format(path, extent);
     if (!format)
         return format.error();
+    if (format->kind == PixelKind::radiance_and_more)
+        return write_all_as(*format, path, film, attributes, encoding.half);
     if (format->kind == PixelKind::radiance)
-        return write_radiance_as(*format, path, film, attributes, encoding.half);
+        return write_colours_as(*format, path, film);
     const auto levels = quantise(film.pixels(), encoding.transfer);
     return write_levels_as(*format, path, {extent, levels});
 }

@@ -20,15 +20,16 @@ inline constexpr std::uint64_t picture_pixels_max = std::uint64_t{1} << 28;
 
 /// What the pixels of a format are.
 enum class PixelKind {
-    levels8,  ///< 0..255, encoded for a display: .png .tif .jpg .bmp .ppm .tga
-    radiance, ///< scene-linear floats: .exr
+    levels8,           ///< 0..255, encoded for a display: .png .tif .jpg .webp ...
+    radiance,          ///< scene-linear floats, the colours alone: .hdr .pfm
+    radiance_and_more, ///< likewise, with channels, halves, attributes and a place: .exr
 };
 
 /// How a film's floats become a file's numbers.
 struct PictureEncoding {
     Transfer transfer = Transfer::raja; ///< to the levels of 8-bit formats
-    /// In radiance formats, colours as 16-bit floats, and so half as large; what else there is of a
-    /// pixel stays as it is.
+    /// In an .exr, colours as 16-bit floats, and so half as large; what else there is of a pixel
+    /// stays as it is.
     bool half = false;
 };
 
@@ -64,8 +65,9 @@ struct LevelsPicture {
     friend bool operator==(const LevelsPicture&, const LevelsPicture&) = default;
 };
 
-/// The kind of pixels that `path` will hold, from its extension in either case.
-/// Errors: invalid_argument, naming the nearest extension.
+/// The kind of pixels that `path` will hold, from its extension in either case: one of those that
+/// help texts name, or any that OpenImageIO writes (which is loaded to ask it, 0.25 s, once).
+/// Errors: invalid_argument, naming the nearest extension, or why that format is not written; io.
 [[nodiscard]] Result<PixelKind> pixel_kind(const std::filesystem::path& path);
 
 /// Whether a picture of that size can be put at `path`: to be asked before hours of rendering.
@@ -75,8 +77,8 @@ struct LevelsPicture {
 [[nodiscard]] Result<void> check_writable(const std::filesystem::path& path,
                                           Extent extent = {1, 1});
 
-/// Write the film's region: as 8-bit levels, or as the floats themselves (with the channels
-/// `samples` and `error`, and layer_names, if the film keeps these), the attributes and the
+/// Write the film's region: as 8-bit levels, or as the floats themselves, in an .exr with the
+/// channels `samples` and `error`, and layer_names, if the film keeps these, the attributes and the
 /// region's place in the picture. The file appears whole or not at all, and an older one stays
 /// until then; the same arguments give the same bytes, at any time. A symbolic link is followed.
 /// The region must not be empty (asserted). Needs memory for the whole file. Errors: as

@@ -79,6 +79,12 @@ TEST_CASE("clocks that differ by no more than the limit agree") {
     CHECK(about("clocks", farm).grade == Finding::Grade::doubtful);
 }
 
+TEST_CASE("of a job that nobody is at, the cure is a command that says why") {
+    auto farm = healthy();
+    farm.broker.jobs_ready = 3;
+    CHECK(about("jobs", farm).cure == "fraja-ctl show JOB says why it waits");
+}
+
 TEST_CASE("jobs that wait while tiles are drawn are no finding") {
     auto farm = healthy();
     farm.broker.jobs_ready = 3;

@@ -52,6 +52,19 @@ TEST_CASE("the screen shows broker, jobs and workers") {
     CHECK_FALSE(has(text, "more"));
 }
 
+TEST_CASE("off a terminal the broker stands before all jobs and all workers") {
+    FarmView view = farm(30, 100);
+    std::string page = farm_page(view);
+    CHECK(page.starts_with("BROKER "));
+    const auto jobs = page.find("job-30"), workers = page.find("worker-001");
+    CHECK(page.find("tcp://127.0.0.1:50057  well   0.1.0    1:30:00") < jobs);
+    CHECK(jobs < workers);
+    CHECK(has(page, "job-1 "));
+    CHECK(has(page, "worker-100"));
+    view.connected = false;
+    CHECK(has(farm_page(view), "tcp://127.0.0.1:50057  looking for it"));
+}
+
 TEST_CASE("what has no room on the screen is counted, and jobs that are not over stay") {
     FarmView view = farm(30, 100);
     view.farm.jobs[3].phase = protocol::JobPhase::running;

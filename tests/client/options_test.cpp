@@ -219,6 +219,10 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj -b " + endpoints(65), "-b: at most 64"},
                            Row{"a.raj" + repeated(65, " --tag t"), "--tag: at most 64"},
                            Row{"a.raj --tag " + std::string(201, 't'), "--tag"},
+                           Row{"a.raj --half -o a.hdr", "--half is for .exr"},
+                           Row{"a.raj --layers -o a.hdr", "--layers are for .exr"},
+                           Row{"a.raj --transfer srgb -o a.hdr", "--transfer srgb: a.hdr"},
+                           Row{"a.raj -o a.gif", "a.gif: this format is not written: "},
                            Row{"a.raj -n " + std::string(201, 'n'), "-n"}}) {
         CAPTURE(row.line);
         const auto parsed = parse_submit_options(words(row.line));
@@ -230,6 +234,23 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
         CHECK(early->text.starts_with("fraja-submit: error: "));
         CHECK(early->text.find('\n') == early->text.size() - 1);
     }
+}
+
+TEST_CASE("a film is not detached from, with or without names for its frames") {
+    for (const char* line :
+         {"a.raj --travel t.raj --detach", "a.raj --travel t.raj --detach -o f%04d.png"}) {
+        CAPTURE(line);
+        const auto early = parse_submit_options(words(line));
+        REQUIRE(std::holds_alternative<EarlyExit>(early));
+        CHECK(std::get<EarlyExit>(early).code == 2);
+        const std::string& text = std::get<EarlyExit>(early).text;
+        CHECK(text.find("--detach and --travel contradict each other") != std::string::npos);
+        CHECK(text.find("--skip-existing --resume") != std::string::npos);
+    }
+    const SubmitOptions again =
+        submit("a.raj --travel t.raj -o f%04d.png --skip-existing --resume");
+    CHECK(again.skip_existing);
+    CHECK(again.resume);
 }
 
 TEST_CASE("an option goes before the environment, that before the default") {

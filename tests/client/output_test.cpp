@@ -157,6 +157,16 @@ TEST_CASE("a submission's JSON has its job only when there was one") {
     CHECK(json["reason"] == "why");
 }
 
+TEST_CASE("a dry run's JSON has the broker that would be asked, or none, and others have no such") {
+    SubmissionReport report;
+    report.state = "dry_run";
+    CHECK_FALSE(Json::parse(submit_json(report)).contains("broker"));
+    report.broker = "";
+    CHECK(Json::parse(submit_json(report)).at("broker").is_null());
+    report.broker = "tcp://a:1, tcp://b:1";
+    CHECK(Json::parse(submit_json(report)).at("broker") == "tcp://a:1, tcp://b:1");
+}
+
 TEST_CASE("times are RFC 3339 in UTC") {
     CHECK(service::rfc3339(std::chrono::system_clock::time_point(1'700'000'000'123ms)) ==
           "2023-11-14T22:13:20.123Z");
@@ -173,6 +183,17 @@ TEST_CASE("tables have columns, and words where there is nothing") {
     bob.worker_name = "bob\x1b[2J";
     const std::string workers = workers_table({bob, ada});
     CHECK(workers.find("ada") < workers.find("bob?[2J"));
+}
+
+TEST_CASE("why a broker does not answer is told whole, and widens no column") {
+    const std::string why =
+        "no broker reached at tcp://127.0.0.1:1 within 10 s: nothing listens there (fraja-broker)";
+    protocol::FarmState farm;
+    farm.broker.program_version = "0.1.0";
+    const std::string table =
+        brokers_table({{"tcp://127.0.0.1:1", std::nullopt, why}, {"tcp://b:1", farm, ""}});
+    CHECK(table.find("tcp://127.0.0.1:1  " + why + "\n") != std::string::npos);
+    CHECK(table.find("tcp://b:1          well   0.1.0 ") != std::string::npos);
 }
 
 TEST_CASE("a tile's line has its place, size, worker, time and rays") {
@@ -337,6 +358,8 @@ TEST_CASE("a picture says all of how it was sampled") {
     CHECK(value("fraja:max_samples") == "99");
     CHECK(value("fraja:filter") == "tent");
     CHECK(value("fraja:spp") == "0");
+    CHECK(value("Software").starts_with("Fraja 0."));
+    CHECK(value("Software").find("x86") == std::string::npos); // the kernel's is its workers'
     CHECK(settings_text(settings) ==
           "depth 5, error 0.5 with at most 99 samples, filter tent, kernel fast");
     settings.error = 0, settings.spp = 16, settings.filter = protocol::PixelFilter::box;

@@ -198,8 +198,9 @@ TEST_CASE("a signal is heard while a scene is read from a pipe") {
     }
 }
 
-TEST_CASE("help opens with examples and version says the version") {
-    for (const char* name : {"fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch"}) {
+TEST_CASE("help opens with examples, and version says version, revision and instruction set") {
+    for (const char* name :
+         {"fraja-broker", "fraja-worker", "fraja-submit", "fraja-watch", "fraja-ctl"}) {
         CAPTURE(name);
         const auto help = run({{program(name), "--help"}}, patience);
         REQUIRE(help.has_value());
@@ -208,7 +209,10 @@ TEST_CASE("help opens with examples and version says the version") {
         const auto version = run({{program(name), "--version"}}, patience);
         REQUIRE(version.has_value());
         CHECK(version->exit == 0);
-        CHECK(contains(version->out, name));
+        CAPTURE(version->out);
+        const std::regex line(std::string(name) + R"( \d+\.\d+\.\d+, revision )" +
+                              R"(([0-9a-f]{12}(\+changes)?|unknown), (x86-64(-v[234])?|arm64)\n)");
+        CHECK(std::regex_match(version->out, line));
     }
 }
 
@@ -239,32 +243,45 @@ TEST_CASE("an instruction set that is unknown is a usage error, wherever somethi
     CHECK(submit(remotely, unknown).exit == 0); // nothing is drawn here
 }
 
-TEST_CASE("an unfinished local picture does not replace one that was there") {
+TEST_CASE("an unfinished local picture never bears the name of a whole one") {
     const Scratch scratch;
-    const Words cone = {scene("cone"), "--local", "-r", "20x15", "-o", scratch.file("x.png")};
-    REQUIRE(submit(cone).exit == 0);
-    const std::string before = bytes_of(scratch.file("x.png"));
-    auto client = Process::start(
-        {{program("fraja-submit"), scene("overlapping_spheres"), "--local", "-r", "640x480", "-a",
-          "16", "--tile", "2", "--progress", "json", "-o", scratch.file("x.png")}});
-    REQUIRE(client.has_value());
-    const auto begun = client->wait_for_line(
-        Process::Stream::err,
-        [](std::string_view line) {
-            return contains(line, "\"running\"") && !contains(line, "\"done_count\":0,");
-        },
-        patience);
-    INFO(client->story());
-    REQUIRE(begun.has_value());
-    client->send(SIGINT);
-    CHECK(client->wait_for_exit(patience) == 130);
-    CHECK((bytes_of(scratch.file("x.png")) == before));
-    CHECK(contains(client->err(), "x.unfinished.png"));
-    CHECK(fs::exists(scratch.file("x.unfinished.png")));
-    const auto timed_out = submit({scene("overlapping_spheres"), "--local", "-r", "640x480", "-a",
-                                   "16", "--timeout", "300ms", "-o", scratch.file("x.png")});
-    CHECK(timed_out.exit == 124);
-    CHECK((bytes_of(scratch.file("x.png")) == before));
+    const std::string whole = scratch.file("x.png"), unfinished = scratch.file("x.unfinished.png");
+    const Words slow = {scene("overlapping_spheres"),
+                        "--local",
+                        "-r",
+                        "640x480",
+                        "-a",
+                        "16",
+                        "--tile",
+                        "2",
+                        "-o",
+                        whole};
+    const auto interrupted = [&] {
+        auto client =
+            Process::start({with({program("fraja-submit")}, with(slow, {"--progress", "json"}))});
+        REQUIRE(client.has_value());
+        const auto begun = client->wait_for_line(
+            Process::Stream::err,
+            [](std::string_view line) {
+                return contains(line, "\"running\"") && !contains(line, "\"done_count\":0,");
+            },
+            patience);
+        INFO(client->story());
+        REQUIRE(begun.has_value());
+        client->send(SIGINT);
+        CHECK(client->wait_for_exit(patience) == 130);
+        CHECK(contains(client->err(), unfinished + " holds the "));
+        CHECK(fs::exists(unfinished));
+        fs::remove(unfinished);
+    };
+    interrupted();
+    CHECK_FALSE(fs::exists(whole)); // --skip-existing would take it for done
+    REQUIRE(submit({scene("cone"), "--local", "-r", "20x15", "-o", whole}).exit == 0);
+    const std::string before = bytes_of(whole);
+    interrupted();
+    CHECK((bytes_of(whole) == before));
+    CHECK(submit(with(slow, {"--timeout", "300ms"})).exit == 124);
+    CHECK((bytes_of(whole) == before));
 }
 
 TEST_CASE("a refused scene tells scripts why") {
@@ -318,10 +335,53 @@ TEST_CASE("a program that gets no threads ends and says so") {
     }
 }
 
+TEST_CASE("fraja-watch off a terminal shows the broker before jobs and workers") {
+    Farm farm;
+    const auto result = run({{program("fraja-watch"), "-b", farm.endpoint(), "--once"}}, patience);
+    REQUIRE(result.has_value());
+    CHECK(result->exit == 0);
+    CHECK(result->out.starts_with("BROKER "));
+    CHECK(result->out.find(farm.endpoint()) < result->out.find("no jobs"));
+    CHECK(result->out.find("no jobs") < result->out.find("no workers"));
+}
+
 TEST_CASE("a dry run checks everything and submits nothing") {
     const Scratch scratch;
     const auto result = submit(
         {scene("cone"), "--dry-run", "-b", "tcp://127.0.0.1:1", "-o", scratch.file("x.png")});
     CHECK(result.exit == 0);
     CHECK_FALSE(fs::exists(scratch.file("x.png")));
+}
+
+TEST_CASE("a dry run's JSON says as much as its words") {
+    const Scratch scratch;
+    const std::string path = scratch.file("x.png");
+    const auto planned = [&](const Words& more) {
+        const auto result = submit(with({scene("cone"), "--dry-run", "--json"}, more));
+        CHECK(result.exit == 0);
+        return nlohmann::json::parse(result.out);
+    };
+    const auto there = planned({"-b", "127.0.0.1:1", "-o", path});
+    CHECK(there.at("state") == "dry_run");
+    CHECK(there.at("output") == path);
+    CHECK(there.at("broker") == "tcp://127.0.0.1:1");
+    CHECK(planned({"--local", "-o", path}).at("broker").is_null());
+    const auto film =
+        planned({"--travel", scene("travels/cone"), "--frames", "2", "-o", scratch.file("%d.png")});
+    CHECK(film.at("frames").at(0).at("output") == scratch.file("2.png"));
+}
+
+TEST_CASE("one whose job is cancelled meanwhile exits with 5 and writes nothing") {
+    const Scratch scratch;
+    Farm farm; // and no worker: it is not done before
+    Process client = farm.start_submit({scene("cone"), "-r", "20x15", "-o", scratch.file("x.png")});
+    REQUIRE(client.wait_for_words(Process::Stream::err, ": job ", patience).has_value());
+    const auto cancelled =
+        run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", "cone"}}, patience);
+    REQUIRE(cancelled.has_value());
+    CHECK(cancelled->exit == 0);
+    CHECK(client.wait_for_exit(patience) == 5);
+    INFO(client.story());
+    CHECK(contains(client.err(), "cancelled"));
+    CHECK(fs::is_empty(scratch.file("")));
 }

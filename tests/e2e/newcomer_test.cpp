@@ -194,6 +194,10 @@ TEST_CASE("a scene that is none") {
         {local(picture), 2, {picture + ": this is no scene", "raja.renderer.Scene"}},
         {local(file("empty.raj", "")), 2, {"empty.raj:1:1: unexpected end of the file"}},
         {local(file("words.raj", "hello")), 2, {"words.raj:1:1: ", "hello"}},
+        {local(file("README.md", "# Fraja")),
+         2,
+         {"README.md:1:1: expected a number", "found '#'", "is this a scene?",
+          "raja.renderer.Scene {"}},
         {local(file("typo.raj", typo)),
          2,
          {"typo.raj:", "no field 'raduis'", "did you mean 'radius'?"}},
@@ -224,6 +228,18 @@ TEST_CASE("an option with a typing slip, or without what it needs") {
          2,
          {"'--prioritty'", "did you mean '--priority'?", "fraja-submit --help"}},
         {{"fraja-submit", "--locl", cone}, 2, {"'--locl'", "did you mean '--local'?"}},
+        {{"fraja-submit", "--local", "--preview", "block", cone},
+         2,
+         {"--preview block: there is no scene of that name, and the modes are auto, kitty",
+          "did you mean 'blocks'?"}},
+        {{"fraja-watch", "cone", "--token-file", "t"}, 2, {"--token-file needs --serve"}},
+        {{"fraja-watch", "cone", "-o", "old%d.png"}, 2, {"-o old%d.png: % is for the numbers"}},
+        {{"fraja-ctl", "get", "cone", "-o", "old%d.png"},
+         2,
+         {"old%d.png: % is for the numbers of a film's frames", "--travel"}},
+        {{"fraja-watch", "--serve", "127.0.0.1:0", "--token-file", "nosuch"},
+         2,
+         {"--token-file nosuch: there is no such file; to make one, type: (umask 077; "}},
         {{"fraja-submit"}, 2, {"SCENE.raj is missing: fraja-submit SCENE.raj"}},
         {{"fraja-submit", cone, "x.png"}, 2, {"'x.png' is one argument too many"}},
         {{"fraja-submit", cone, "--size"}, 2, {"--size needs a value: WxH"}},
@@ -248,6 +264,10 @@ TEST_CASE("a value of the wrong kind: as it was typed, and as it is written") {
     const auto with_scene = [](const Words& words) {
         return with({"fraja-submit", scene("cone")}, words);
     };
+    check({{"fraja-ctl", "jobs"},
+           2,
+           {"FRAJA_BROKER in the environment: --broker: endpoint 'foo:bar:1'"}},
+          "FRAJA_BROKER=foo:bar:1");
     check({
         {with_scene({"--timeout", "soon"}), 2, {"--timeout soon: ", "90, 90s, 5m or 1h30m"}},
         {with_scene({"--size", "640"}), 2, {"error: --size 640: ", "640x480"}},

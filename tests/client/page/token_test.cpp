@@ -1,5 +1,6 @@
 #include "client/page/token.hpp"
 
+#include <cstdlib>
 #include <doctest/doctest.h>
 #include <filesystem>
 #include <fstream>
@@ -30,6 +31,11 @@ TEST_CASE("a token is read from a file that is its owner's alone") {
     };
     const fs::perms own = fs::perms::owner_read | fs::perms::owner_write;
     const std::string good(token_chars_min, 'x');
+    const auto none = read_token(path);
+    REQUIRE_FALSE(none);
+    const std::string& cure = none.error().message;
+    REQUIRE(std::system(cure.substr(cure.find("type: ") + 6).c_str()) == 0);
+    CHECK(read_token(path).value_or("").size() == 32);
     CHECK(read(good + "\nand more\n", own).value_or("") == good);
     CHECK(read(std::string(token_chars_max, 'x'), own));
     const auto open = read(good, own | fs::perms::others_read);

@@ -4,6 +4,7 @@
 #include "tests/common/cli/program.hpp"
 #include "tests/support/folder.hpp"
 
+#include <cstdlib>
 #include <doctest/doctest.h>
 
 using namespace fraja;
@@ -16,7 +17,7 @@ struct Read {
     explicit Read(const std::vector<std::string>& typed, const std::string& settings = {},
                   std::vector<Exclusion> exclusions = {})
         : origins(std::move(exclusions)) {
-        app.add_option("-r,--size", size);
+        app.add_option("-r,--size", size)->envname("FRAJA_TEST_SIZE");
         app.add_option("--sizes", size);
         app.add_flag("--local", local);
         app.add_flag("--detach", detach);
@@ -51,6 +52,19 @@ TEST_CASE("a mistake in a settings file is told with its place, wherever its opt
     CHECK(read.origins.blame("--size 640: no") == read.file + ":2:1: --size 640: no");
     CHECK(read.origins.blame("--detach: not with --local") ==
           "--detach: not with --local (--local: " + read.file + ":3:1)");
+}
+
+TEST_CASE("a mistake in the environment is told with its variable, unless it was typed over") {
+    ::setenv("FRAJA_TEST_SIZE", "640", 1);
+    const Read read({}), typed({"-r", "9"});
+    ::unsetenv("FRAJA_TEST_SIZE");
+    CHECK_FALSE(read.origins.is_typed("--size"));
+    CHECK(read.origins.blame("--size 640: no") ==
+          "FRAJA_TEST_SIZE in the environment: --size 640: no");
+    CHECK(read.origins.blame("--local: not with --size") ==
+          "--local: not with --size (--size: FRAJA_TEST_SIZE in the environment)");
+    CHECK(typed.origins.is_typed("--size"));
+    CHECK(typed.origins.blame("--size 9: no") == "-r 9: no");
 }
 
 TEST_CASE("of two options that exclude each other the one that is typed holds") {

@@ -106,7 +106,8 @@ bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
 TEST_CASE("8-bit formats hold the levels they were given") {
     const Folder folder;
     const LevelsPicture picture = all_levels();
-    for (const char* name : {"a.png", "a.tif", "a.tiff", "a.bmp", "a.ppm", "a.tga", "A.PNG"}) {
+    for (const char* name : {"a.png", "a.tif", "a.tiff", "a.bmp", "a.ppm", "a.tga", "A.PNG",
+                             "a.dpx", "a.pnm", "a.tpic"}) {
         CAPTURE(name);
         REQUIRE(write_levels(folder / name, {picture.extent, picture.rgb}));
         const auto read = read_levels(folder / name);
@@ -115,20 +116,75 @@ TEST_CASE("8-bit formats hold the levels they were given") {
     }
 }
 
-TEST_CASE("jpg holds about the levels it was given") {
+TEST_CASE("jpg and webp hold about the levels they were given") {
     const Folder folder;
     LevelsPicture smooth{{64, 64}, {}};
     for (std::uint32_t i = 0; i < 64 * 64; ++i)
         smooth.rgb.insert(smooth.rgb.end(), {static_cast<std::uint8_t>(i % 64 * 4),
                                              static_cast<std::uint8_t>(i / 64 * 4), 128});
-    REQUIRE(write_levels(folder / "a.jpg", {smooth.extent, smooth.rgb}));
-    const auto read = read_levels(folder / "a.jpg");
+    struct Row {
+        const char* name;
+        int worst;
+    };
+    for (const Row& row : {Row{"a.jpg", 4}, Row{"a.jfif", 4}, Row{"a.webp", 6}}) {
+        CAPTURE(row.name);
+        REQUIRE(write_levels(folder / row.name, {smooth.extent, smooth.rgb}));
+        const auto read = read_levels(folder / row.name);
+        REQUIRE(read);
+        REQUIRE(read->rgb.size() == smooth.rgb.size());
+        int worst = 0;
+        for (std::size_t i = 0; i < smooth.rgb.size(); ++i)
+            worst = std::max(worst, std::abs(int{read->rgb[i]} - int{smooth.rgb[i]}));
+        CHECK(worst <= row.worst);
+    }
+}
+
+TEST_CASE("hdr holds the colours' floats to a share of the brightest, and nothing else") {
+    const Folder folder;
+    const PixelRect window{3, 4, 6, 5};
+    const Film film = film_of({10, 10}, window, [&] {
+        std::vector<float> rgb;
+        for (std::size_t i = 0; i < 3 * window.pixel_count(); ++i)
+            rgb.push_back(static_cast<float>(i * i) / 7.0f);
+        return rgb;
+    }());
+    CHECK(pixel_kind("a.hdr").value() == PixelKind::radiance);
+    REQUIRE(write_picture(folder / "a.hdr", film, {{{"fraja:scene", "00ff"}}}, {.half = true}));
+    CHECK(bytes_of(folder / "a.hdr").find("00ff") == std::string::npos);
+    const auto read = read_radiance(folder / "a.hdr");
     REQUIRE(read);
-    REQUIRE(read->rgb.size() == smooth.rgb.size());
-    int worst = 0;
-    for (std::size_t i = 0; i < smooth.rgb.size(); ++i)
-        worst = std::max(worst, std::abs(int{read->rgb[i]} - int{smooth.rgb[i]}));
-    CHECK(worst <= 4);
+    CHECK(read->extent == Extent{6, 5});
+    CHECK(read->window == PixelRect{0, 0, 6, 5});
+    CHECK(read->channels.empty());
+    REQUIRE(read->rgb.size() == film.pixels().size());
+    for (std::size_t i = 0; i < read->rgb.size(); i += 3)
+        for (std::size_t c = 0; c < 3; ++c) // one exponent for the three
+            CHECK(std::abs(read->rgb[i + c] - film.pixels()[i + c]) <= film.pixels()[i + 2] / 128);
+    REQUIRE(write_picture(folder / "estimates.hdr", film_with_estimates({10, 10}, window)));
+    CHECK(read_radiance(folder / "estimates.hdr").value().channels.empty());
+}
+
+TEST_CASE("a format that is not written well is refused before anything is rendered") {
+    const Folder folder;
+    struct Row {
+        const char *name, *why;
+    };
+    for (const Row& row :
+         {Row{"a.gif", "256 colours"}, Row{"a.jp2", "an empty file"}, Row{"a.iff", "crashes"},
+          Row{"a.pgm", "no colours"}, Row{"a.avif", ".heic"}, Row{"a.sgi", "in memory"},
+          Row{"a.null", "holds nothing"}}) {
+        CAPTURE(row.name);
+        const auto kind = pixel_kind(folder / row.name);
+        REQUIRE_FALSE(kind);
+        CHECK(kind.error().code == ErrorCode::invalid_argument);
+        CHECK(kind.error().message.find(row.why) != std::string::npos);
+        CHECK(kind.error().message.find("use one of .png") != std::string::npos);
+        CHECK_FALSE(check_writable(folder / row.name));
+    }
+    CHECK(check_writable(folder / "a.webp", {16'383, 1}));
+    CHECK_FALSE(check_writable(folder / "a.webp", {16'384, 1}));
+    CHECK_FALSE(check_writable(folder / "a.jpe", {1, 65'501}));
+    CHECK(folder.file_count() == 0);
 }
 
 TEST_CASE("png says nothing about colour nor time") {
@@ -280,7 +336,8 @@ TEST_CASE("no file tells when it was written") { // the bytes above were written
     const std::time_t now = std::time(nullptr);
     std::array<char, 8> year{};
     REQUIRE(std::strftime(year.data(), year.size(), "%Y:", std::localtime(&now)) > 0);
-    for (const char* name : {"a.png", "a.exr", "a.tif", "a.jpg", "a.bmp", "a.ppm", "a.tga"}) {
+    for (const char* name : {"a.png", "a.exr", "a.tif", "a.jpg", "a.bmp", "a.ppm", "a.tga",
+                             "a.webp", "a.dpx", "a.hdr"}) {
         CAPTURE(name);
         REQUIRE(write_picture(folder / name, film));
         CHECK(bytes_of(folder / name).find(year.data()) == std::string::npos);
@@ -322,7 +379,7 @@ TEST_CASE("levels are not written where floats are expected") {
 
 TEST_CASE("pixel_kind knows formats by extension and guesses what was meant") {
     CHECK(pixel_kind("x/a.b.PnG").value() == PixelKind::levels8);
-    CHECK(pixel_kind("a.exr").value() == PixelKind::radiance);
+    CHECK(pixel_kind("a.exr").value() == PixelKind::radiance_and_more);
     struct Row {
         const char *path, *want;
     };
@@ -401,10 +458,12 @@ TEST_CASE("a failing write leaves the old picture and nothing else") {
         rgb.push_back(std::sqrt(static_cast<float>(level)));
     const Film film = film_of({300, 300}, {0, 0, 300, 300}, rgb);
     const auto write = [&](const fs::path& path) {
-        return path.extension() == ".exr" ? write_picture(path, film)
-                                          : write_levels(path, {picture.extent, picture.rgb});
+        return pixel_kind(path).value() != PixelKind::levels8
+                   ? write_picture(path, film)
+                   : write_levels(path, {picture.extent, picture.rgb});
     };
-    for (const char* ext : {".png", ".exr", ".tif", ".jpg", ".bmp", ".ppm", ".tga"}) {
+    for (const char* ext :
+         {".png", ".exr", ".tif", ".jpg", ".bmp", ".ppm", ".tga", ".hdr", ".webp", ".dpx"}) {
         CAPTURE(ext);
         const fs::path path = folder / (std::string("a") + ext);
         put(path, "the old one");
