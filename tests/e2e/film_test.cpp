@@ -19,7 +19,7 @@ Words film(const std::string& output, Words more = {}) {
     return words;
 }
 
-/// The id of the one job of that name; empty: there is none.
+/// The id of the one job of that name, once its scene is there; empty: there is none.
 std::string frame_job(Farm& farm, const std::string& name) {
     const auto list =
         run({{program("fraja-ctl"), "-b", farm.endpoint(), "jobs", "--json"}}, patience);
@@ -29,7 +29,8 @@ std::string frame_job(Farm& farm, const std::string& name) {
     for (std::string line; std::getline(lines, line);)
         if (const auto job = nlohmann::json::parse(line); job.at("name") == name) {
             CHECK(id.empty());
-            id = job.at("job");
+            if (job.at("state") != "waiting_for_scene")
+                id = job.at("job");
         }
     return id;
 }
@@ -182,6 +183,8 @@ TEST_CASE("a film that is left goes on with what was begun, and is taken over") 
     CHECK(progress.at("frames") == 3);
     CHECK(progress.at("frames_done") == 0);
     CHECK(progress.at("share_done") == 0.0);
+    for (const char* name : {"cone-0001", "cone-0002"})
+        (void)wait_for_frame_job(farm, name);
     const std::string third = wait_for_frame_job(farm, "cone-0003");
     left.send(SIGINT);
     CHECK(left.wait_for_exit(patience) == 128 + SIGINT);
