@@ -23,7 +23,7 @@ std::optional<std::string> Dispatcher::pause(Job& job) {
 }
 
 std::optional<std::string> Dispatcher::resume(Job& job) {
-    if (job.phase == JobPhase::queued || job.phase == JobPhase::running)
+    if (job.may_run())
         return std::nullopt;
     if (job.phase != JobPhase::paused)
         return "only a job that is paused can be resumed";

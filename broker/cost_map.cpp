@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace fraja::broker {
 
@@ -57,7 +58,7 @@ CostMap::CostMap(const protocol::CellGrid& grid, double camera_rays)
         levels_.push_back({count(levels_.back().columns, 2), count(levels_.back().rows, 2), {}});
     for (Level& level : levels_)
         level.areas.resize(std::size_t{level.columns} * level.rows);
-    sum_up_all();
+    sum_up(grid_.all());
 }
 
 CellRect CostMap::spot(std::size_t index) const {
@@ -138,7 +139,7 @@ void CostMap::take_probe(const std::vector<double>& rays) {
         pixels += spot.done_pixels + spot.left_pixels;
     }
     mean_prior_ = sum / pixels;
-    sum_up_all();
+    sum_up(grid_.all());
 }
 
 // ----------------------------------------------------------------------------------------- factors
@@ -163,18 +164,20 @@ double CostMap::factor_of(std::size_t level, std::uint32_t column, std::uint32_t
     return (area.done_work + trust() * around) / (area.done_prior + trust());
 }
 
-class CostMap::Factors {
+class CostMap::Densities {
 public:
-    explicit Factors(const CostMap& map) : map_(map) {}
+    explicit Densities(const CostMap& map) : map_(map) {}
 
-    double operator()(std::size_t spot) {
-        const std::size_t block = map_.block_of(map_.spot(spot));
+    double operator()(std::size_t index) {
+        const std::size_t block = map_.block_of(map_.spot(index));
         if (block != block_) {
             block_ = block;
             factor_ = map_.factor_of(0, static_cast<std::uint32_t>(block % map_.block_columns_),
                                      static_cast<std::uint32_t>(block / map_.block_columns_));
         }
-        return factor_;
+        const Spot& spot = map_.spots_[index];
+        return (spot.done_work + prior_pixels * spot.prior * factor_) /
+               (spot.done_pixels + prior_pixels);
     }
 
 private:
@@ -183,12 +186,6 @@ private:
     double factor_ = 1;
 };
 
-double CostMap::density(std::size_t index, double factor) const {
-    const Spot& spot = spots_[index];
-    return (spot.done_work + prior_pixels * spot.prior * factor) /
-           (spot.done_pixels + prior_pixels);
-}
-
 void CostMap::sum_up_block(std::size_t block) {
     Area sum;
     for_each_spot(blocks(block, 1), [&](std::size_t index, double) {
@@ -196,7 +193,7 @@ void CostMap::sum_up_block(std::size_t block) {
         sum.done_work += spot.done_work;
         sum.done_prior += spot.prior * spot.done_pixels;
         const double weight = spot.left_pixels / (spot.done_pixels + prior_pixels);
-        sum.left_known += weight * spot.done_work; // density() of its pixels
+        sum.left_known += weight * spot.done_work; // Densities of its pixels
         sum.left_prior += weight * prior_pixels * spot.prior;
     });
     levels_[0].areas[block] = sum;
@@ -218,18 +215,11 @@ void CostMap::sum_up_area(std::size_t level, std::uint32_t column, std::uint32_t
     levels_[level].areas[std::size_t{row} * levels_[level].columns + column] = sum;
 }
 
-void CostMap::sum_up_all() {
-    for (std::size_t block = 0; block < levels_[0].areas.size(); ++block)
-        sum_up_block(block);
-    for (std::size_t level = 1; level < levels_.size(); ++level)
-        for (std::uint32_t row = 0; row < levels_[level].rows; ++row)
-            for (std::uint32_t column = 0; column < levels_[level].columns; ++column)
-                sum_up_area(level, column, row);
-}
-
-/// Of blocks in that rectangle of theirs.
-void CostMap::sum_up(std::uint32_t left, std::uint32_t top, std::uint32_t right,
-                     std::uint32_t bottom) {
+/// The blocks that have some of these cells, and all areas that have these.
+void CostMap::sum_up(const CellRect& cells) {
+    std::uint32_t left = cells.column / block_side_, top = cells.row / block_side_;
+    std::uint32_t right = (cells.column + cells.width - 1) / block_side_;
+    std::uint32_t bottom = (cells.row + cells.height - 1) / block_side_;
     for (std::uint32_t row = top; row <= bottom; ++row)
         for (std::uint32_t column = left; column <= right; ++column)
             sum_up_block(std::size_t{row} * block_columns_ + column);
@@ -243,41 +233,37 @@ void CostMap::sum_up(std::uint32_t left, std::uint32_t top, std::uint32_t right,
 
 /// Nobody knows where in the cells the work was: as much as was thought, it was in each spot.
 void CostMap::learn(const CellRect& cells, double work) {
-    const double thought = this->work(cells);
-    const double by = thought > 0 ? work / thought : 0;
-    Factors factor(*this);
-    std::vector<double> works;
+    Densities density(*this);
+    std::vector<double> thoughts; // of each spot
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
-        works.push_back(density(spot, factor(spot)) * pixels * by); // worth 1
+        thoughts.push_back(density(spot) * pixels);
     });
-    auto part = works.begin();
+    const double thought = std::accumulate(thoughts.begin(), thoughts.end(), 0.0);
+    const double by = thought > 0 ? work / worth_ / thought : 0;
+    auto part = thoughts.begin();
     for_each_spot(cells, [&](std::size_t index, double pixels) {
         Spot& spot = spots_[index];
-        spot.done_work += *part++;
+        spot.done_work += *part++ * by;
         spot.done_pixels += pixels;
         spot.left_pixels = std::max(0.0, spot.left_pixels - pixels);
         done_pixels_ += pixels;
     });
-    sum_up(cells.column / block_side_, cells.row / block_side_,
-           (cells.column + cells.width - 1) / block_side_,
-           (cells.row + cells.height - 1) / block_side_);
+    sum_up(cells);
 }
 
 // -------------------------------------------------------------------------------------------- work
 
 double CostMap::work(const CellRect& cells) const {
     double work = 0;
-    Factors factor(*this);
-    for_each_spot(cells, [&](std::size_t spot, double pixels) {
-        work += density(spot, factor(spot)) * pixels;
-    });
+    Densities density(*this);
+    for_each_spot(cells, [&](std::size_t spot, double pixels) { work += density(spot) * pixels; });
     return worth_ * work;
 }
 
-double CostMap::density_at_risk(std::size_t spot, Factors& factor) const {
-    double density = this->density(spot, factor(spot));
+double CostMap::density_at_risk(std::size_t spot, Densities& density) const {
+    double most = density(spot);
     if (spots_[spot].done_pixels > 0)
-        return density;
+        return most;
     const auto columns = static_cast<std::ptrdiff_t>(spot_columns_);
     const auto rows = static_cast<std::ptrdiff_t>(spots_.size()) / columns;
     const auto column = static_cast<std::ptrdiff_t>(spot) % columns;
@@ -285,18 +271,16 @@ double CostMap::density_at_risk(std::size_t spot, Factors& factor) const {
     for (std::ptrdiff_t y = std::max<std::ptrdiff_t>(0, row - 1); y <= std::min(rows - 1, row + 1);
          ++y)
         for (std::ptrdiff_t x = std::max<std::ptrdiff_t>(0, column - 1);
-             x <= std::min(columns - 1, column + 1); ++x) {
-            const auto beside = static_cast<std::size_t>(y * columns + x);
-            density = std::max(density, risk_share * this->density(beside, factor(beside)));
-        }
-    return density;
+             x <= std::min(columns - 1, column + 1); ++x)
+            most = std::max(most, risk_share * density(static_cast<std::size_t>(y * columns + x)));
+    return most;
 }
 
 double CostMap::risk(const CellRect& cells) const {
     double work = 0;
-    Factors factor(*this);
+    Densities density(*this);
     for_each_spot(cells, [&](std::size_t spot, double pixels) {
-        work += density_at_risk(spot, factor) * pixels;
+        work += density_at_risk(spot, density) * pixels;
     });
     return worth_ * work;
 }

@@ -88,20 +88,19 @@ private:
         std::uint32_t columns = 0, rows = 0;
         std::vector<Area> areas; ///< row by row
     };
-    /// Looks a block's factor up once for all spots of it that follow one another.
-    class Factors;
+    /// Work of a pixel, spot by spot: looks a block's factor up once for all that follow one
+    /// another.
+    class Densities;
 
     [[nodiscard]] double trust() const;
     [[nodiscard]] double factor_of_all() const;
     [[nodiscard]] double factor_of(std::size_t level, std::uint32_t column,
                                    std::uint32_t row) const;
-    [[nodiscard]] double density(std::size_t spot, double factor) const;
-    [[nodiscard]] double density_at_risk(std::size_t spot, Factors& factor) const;
+    [[nodiscard]] double density_at_risk(std::size_t spot, Densities& density) const;
     [[nodiscard]] double all(const TilesBegun& begun) const;
     void sum_up_block(std::size_t block);
     void sum_up_area(std::size_t level, std::uint32_t column, std::uint32_t row);
-    void sum_up_all();
-    void sum_up(std::uint32_t left, std::uint32_t top, std::uint32_t right, std::uint32_t bottom);
+    void sum_up(const protocol::CellRect& cells);
     /// Calls `visit(spot's index, pixels of it among the cells)`.
     template <class Visit>
     void for_each_spot(const protocol::CellRect& cells, Visit visit) const;

@@ -57,8 +57,7 @@ double Dispatcher::speed_of(const WorkerSession& worker) const {
 
 /// Takes note of whether the job has something to give, and of how much.
 void Dispatcher::look_ready(const Job& job) {
-    const bool may_run = job.phase == JobPhase::queued || job.phase == JobPhase::running;
-    ready_.update(job, may_run && (job.has_pending() || job.probe == Job::Probe::wanted));
+    ready_.update(job, job.may_run() && (job.has_pending() || job.probe == Job::Probe::wanted));
 }
 
 void Dispatcher::dispatch() {
@@ -288,10 +287,10 @@ double Dispatcher::joined_work_max(const WorkerSession& worker) const {
     return speed_.is_known() ? seconds(limits_.joined_time_max) * speed_of(worker) : 0;
 }
 
-/// Machines go from frame to frame of a film, and what is ordered is cut for its branch.
+/// What is ordered is cut for its branch.
 std::optional<double> Dispatcher::scout_work_min(const WorkerSession& worker,
                                                  const Job& job) const {
-    if (!speed_.is_known() || is_order(job) || job.party().is_film())
+    if (!speed_.is_known() || is_order(job))
         return std::nullopt;
     return scout_part * tile_time_min_s() * speed_of(worker);
 }

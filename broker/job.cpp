@@ -67,7 +67,8 @@ void Job::plan() {
             order_[blocks[rank]] = rank;
     }
     open_by_blocks(all, std::nullopt);
-    if (submission_.order == protocol::TileOrder::automatic)
+    // Machines go from frame to frame of a film.
+    if (submission_.order == protocol::TileOrder::automatic && !party_->is_film())
         for (const std::size_t spot : costs_.scattered_spots())
             scouts_.push_back(costs_.spot(spot));
 }

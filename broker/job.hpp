@@ -213,6 +213,10 @@ public:
 
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
+    /// Its tiles are to be handed out.
+    [[nodiscard]] bool may_run() const {
+        return phase == protocol::JobPhase::queued || phase == protocol::JobPhase::running;
+    }
     std::string reason;
     std::int32_t priority;
     enum class Probe { wanted, in_flight, over } probe = Probe::over;

@@ -71,7 +71,8 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
 /// A spot of a block that is fresh; what is around it there stays pending. None while spots are
 /// thought to be less work than that: the picture is done soon.
 OpenTileId Job::next_scout(double work_min) {
-    if (costs_.done() + costs_.left() < work_min * static_cast<double>(costs_.spot_count()))
+    if (scouts_.empty() ||
+        costs_.done() + costs_.left() < work_min * static_cast<double>(costs_.spot_count()))
         return OpenTileId::none;
     while (!scouts_.empty()) {
         const CellRect scout = scouts_.front();

@@ -100,10 +100,9 @@ JobState Dispatcher::state_of(const Job& job) const {
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
-    else if (workers_.empty() && (job.phase == JobPhase::queued || job.phase == JobPhase::running))
+    else if (workers_.empty() && job.may_run())
         state.reason = protocol::no_worker_reason;
-    else if ((job.phase == JobPhase::queued || job.phase == JobPhase::running) &&
-             lacks_tagged_worker(job))
+    else if (job.may_run() && lacks_tagged_worker(job))
         state.reason = std::string(clipped(no_tagged_worker(job.submission().wishes.tags), 500));
     return state;
 }

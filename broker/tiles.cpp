@@ -126,17 +126,18 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
 /// Each spot of the picture has the mean of the squares that it lies in, and in part of those
 /// around: one ray may have missed what is dear, or met all of it.
 void Dispatcher::take_probe(Job& job, const TileRendered& answer, std::uint32_t side) {
-    const std::vector<float> rays = floats_of(answer.blobs);
+    std::vector<float> rays = floats_of(answer.blobs);
+    for (float& ray_count : rays)
+        if (!std::isfinite(ray_count) || ray_count <= 0)
+            ray_count = 1;
     const PixelRect& crop = job.submission().settings.crop;
     const std::uint32_t columns = (crop.width + side - 1) / side;
     const std::uint32_t rows = (crop.height + side - 1) / side;
     const auto mean = [&](std::uint32_t x0, std::uint32_t y0, std::uint32_t x1, std::uint32_t y1) {
         double sum = 0;
         for (std::uint32_t y = y0; y <= y1; ++y)
-            for (std::uint32_t x = x0; x <= x1; ++x) {
-                const auto value = static_cast<double>(rays[std::size_t{y} * columns + x]);
-                sum += std::isfinite(value) && value > 0 ? value : 1;
-            }
+            for (std::uint32_t x = x0; x <= x1; ++x)
+                sum += static_cast<double>(rays[std::size_t{y} * columns + x]);
         return sum / ((x1 - x0 + 1.0) * (y1 - y0 + 1.0));
     };
     std::vector<double> spots(job.costs().spot_count());

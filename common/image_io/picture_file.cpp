@@ -55,51 +55,56 @@ std::string cure_of(std::string_view extension) {
     return "; use one of" + all_names();
 }
 
-/// What there is to say of one that the codec does not write.
-Error refusal(const std::filesystem::path& path, std::string_view extension, const Error& why) {
-    const bool unknown = why.code == ErrorCode::not_found;
-    return {ErrorCode::invalid_argument,
-            unknown ? path.string() + ": " + why.message + cure_of(extension)
-                    : path.string() + ": this format is not written: " + why.message +
-                          "; use one of" + all_names()};
-}
-
-/// The format that the extension of `path` names.
-Result<Format> find_format(const std::filesystem::path& path) {
-    const std::string extension = lower_case(path.extension().string());
+/// In lower case. Errors: there is none.
+Result<std::string> extension_of(const std::filesystem::path& path) {
+    std::string extension = lower_case(path.extension().string());
     if (extension.size() < 2)
         return Error{ErrorCode::invalid_argument,
                      path.string() + ": the extension names the format; use one of" + all_names()};
-    if (const auto named = std::ranges::find(named_formats, extension, &NamedFormat::extension);
-        named != named_formats.end())
-        return Format{extension, named->kind};
+    return extension;
+}
+
+const NamedFormat* named_format(std::string_view extension) {
+    const auto* const named = std::ranges::find(named_formats, extension, &NamedFormat::extension);
+    return named != named_formats.end() ? named : nullptr;
+}
+
+/// What there is to say of one that the codec does not write.
+Error refusal(const std::filesystem::path& path, std::string_view extension, const Error& why) {
+    std::string message = path.string() + ": ";
+    if (named_format(extension))
+        message += "the OpenImageIO here was built without this format; use .png or .exr";
+    else if (why.code == ErrorCode::not_found)
+        message += why.message + cure_of(extension);
+    else
+        message += "this format is not written: " + why.message + "; use one of" + all_names();
+    return {ErrorCode::invalid_argument, std::move(message)};
+}
+
+/// What the codec says of an extension.
+Result<PictureFormat> ask_codec(const std::filesystem::path& path, std::string_view extension) {
     const auto codec = picture_codec();
     if (!codec)
         return codec.error();
     const auto format = (*codec)->format_of(extension.substr(1));
     if (!format)
         return refusal(path, extension, format.error());
-    return Format{extension, format->kind};
+    return *format;
 }
 
-/// The same, if its sides can be that long.
+/// The format that the extension of `path` names, if its sides can be that long.
 Result<Format> find_format(const std::filesystem::path& path, Extent extent) {
-    auto found = find_format(path);
-    if (!found)
-        return found;
-    const auto codec = picture_codec();
-    if (!codec)
-        return codec.error();
-    const auto format = (*codec)->format_of(found->extension.substr(1));
-    if (!format) // it is one of those with a name
-        return Error{ErrorCode::invalid_argument,
-                     path.string() +
-                         ": the OpenImageIO here was built without this format; use .png or .exr"};
+    const auto extension = extension_of(path);
+    if (!extension)
+        return extension.error();
+    const auto format = ask_codec(path, *extension);
+    if (!format)
+        return format.error();
     if (extent.width > format->side_max || extent.height > format->side_max)
         return Error{ErrorCode::invalid_argument,
                      path.string() + ": pictures of this format have at most " +
                          std::to_string(format->side_max) + " pixels a side"};
-    return found;
+    return Format{*extension, format->kind};
 }
 
 /// Encodes in memory and then writes the file ourselves: where a disk is full, libjpeg would end
@@ -114,23 +119,13 @@ Result<void> write_file(const std::filesystem::path& path, const PictureToEncode
     return replace_file(path, std::as_bytes(std::span(*bytes)));
 }
 
-Result<void> write_levels_as(const Format& format, const std::filesystem::path& path,
-                             const LevelsView& levels) {
-    return write_file(path, {.format = std::string_view(format.extension).substr(1),
-                             .extent = levels.extent,
-                             .window = {0, 0, levels.extent.width, levels.extent.height},
-                             .pixels = levels.rgb,
-                             .channels = {},
-                             .attributes = {}});
-}
-
-Result<void> write_colours_as(const Format& format, const std::filesystem::path& path,
-                              const Film& film) {
-    const Extent extent{film.region().width, film.region().height};
+/// Colours alone, of a picture that stands for itself.
+Result<void> write_plain_as(const Format& format, const std::filesystem::path& path, Extent extent,
+                            decltype(PictureToEncode::pixels) pixels) {
     return write_file(path, {.format = std::string_view(format.extension).substr(1),
                              .extent = extent,
                              .window = {0, 0, extent.width, extent.height},
-                             .pixels = film.pixels(),
+                             .pixels = pixels,
                              .channels = {},
                              .attributes = {}});
 }
@@ -172,7 +167,12 @@ Result<void> write_all_as(const Format& format, const std::filesystem::path& pat
 } // namespace
 
 Result<PixelKind> pixel_kind(const std::filesystem::path& path) {
-    const auto format = find_format(path);
+    const auto extension = extension_of(path);
+    if (!extension)
+        return extension.error();
+    if (const NamedFormat* const named = named_format(*extension))
+        return named->kind;
+    const auto format = ask_codec(path, *extension);
     if (!format)
         return format.error();
     return format->kind;
@@ -195,9 +195,9 @@ Result<void> write_picture(const std::filesystem::path& path, const Film& film,
     if (format->kind == PixelKind::radiance_and_more)
         return write_all_as(*format, path, film, attributes, encoding.half);
     if (format->kind == PixelKind::radiance)
-        return write_colours_as(*format, path, film);
+        return write_plain_as(*format, path, extent, film.pixels());
     const auto levels = quantise(film.pixels(), encoding.transfer);
-    return write_levels_as(*format, path, {extent, levels});
+    return write_plain_as(*format, path, extent, levels);
 }
 
 Result<void> write_levels(const std::filesystem::path& path, const LevelsView& levels) {
@@ -209,7 +209,7 @@ Result<void> write_levels(const std::filesystem::path& path, const LevelsView& l
     if (format->kind != PixelKind::levels8)
         return Error{ErrorCode::invalid_argument,
                      path.string() + ": this format holds linear floats, not 8-bit levels"};
-    return write_levels_as(*format, path, levels);
+    return write_plain_as(*format, path, levels.extent, levels.rgb);
 }
 
 Result<LevelsPicture> read_levels(const std::filesystem::path& path) {
