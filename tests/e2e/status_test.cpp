@@ -256,9 +256,10 @@ TEST_CASE("a log that is no terminal's is coloured only where that is asked for"
 
 TEST_CASE("USR1 writes the state to the log, as often as it is asked for") {
     const Scratch scratch;
-    Farm farm;
+    Farm farm({"--http", "127.0.0.1:0"});
     farm.add_worker("one");
     const std::string id = farm.detach({scene("cone"), "-r", "20x15", "--name", "picture"});
+    wait_for(http_port(farm), "fraja_broker_clients", 0); // fraja-submit's goodbye may come late
     for (int i = 1; i <= 20; ++i) {
         farm.broker().send(SIGUSR1);
         int seen = 0;
