@@ -17,7 +17,6 @@ namespace {
 constexpr std::uint32_t spot_pixels = 16, block_pixels = 64;
 
 // Of all spots.
-constexpr double scattered_share = 0.05;
 constexpr std::size_t scattered_min = 8, scattered_max = 128;
 
 // So many pixels of a spot weigh as much as what was thought of it before.

@@ -47,6 +47,8 @@ public:
     [[nodiscard]] std::vector<std::size_t> blocks_in(const protocol::CellRect& cells) const;
     [[nodiscard]] std::size_t spot_count() const { return spots_.size(); }
     [[nodiscard]] protocol::CellRect spot(std::size_t index) const;
+    /// Of the picture at most are spots that are scattered.
+    static constexpr double scattered_share = 0.05;
     /// Some, a small part of the picture, each in another block and far from one another: what they
     /// cost tells of all. Few of a small picture: none.
     [[nodiscard]] std::vector<std::size_t> scattered_spots() const;

@@ -21,9 +21,6 @@ constexpr double parts_of_order = 2;
 constexpr std::size_t compared_idle_workers_max = 256; // in search of the fastest
 constexpr double learnt_share = 0.05; // of the picture, from which on more is known than a probe's
 
-// Scouts are few: so they may be that part of what other tiles are at least.
-constexpr double scout_part = 1.0 / 16;
-
 // Camera rays of a probe: no more than that part of the picture's.
 constexpr double probe_share = 1.0 / 512;
 constexpr std::uint64_t probe_squares_min = 4; // fewer tell nothing
@@ -288,11 +285,10 @@ double Dispatcher::joined_work_max(const WorkerSession& worker) const {
 }
 
 /// What is ordered is cut for its branch.
-std::optional<double> Dispatcher::scout_work_min(const WorkerSession& worker,
-                                                 const Job& job) const {
+std::optional<double> Dispatcher::scout_work(const WorkerSession& worker, const Job& job) const {
     if (!speed_.is_known() || is_order(job))
         return std::nullopt;
-    return scout_part * tile_time_min_s() * speed_of(worker);
+    return tile_time_min_s() * speed_of(worker);
 }
 
 double Dispatcher::tile_time_min_s() const {
@@ -309,7 +305,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
          .peer = peer,
          .work_wanted = work_wanted(worker, job),
          .joined_work_max = joined_work_max(worker),
-         .scout_work_min = scout_work_min(worker, job),
+         .scout_work = scout_work(worker, job),
          .has_others =
              [&](std::span<const WorkerId> failed_on) { return has_others(job, failed_on); },
          .attempt = attempt});

@@ -216,8 +216,8 @@ private:
                     AttemptNumber attempt);
     [[nodiscard]] double work_wanted(const WorkerSession& worker, const Job& job) const;
     [[nodiscard]] double joined_work_max(const WorkerSession& worker) const;
-    [[nodiscard]] std::optional<double> scout_work_min(const WorkerSession& worker,
-                                                       const Job& job) const;
+    [[nodiscard]] std::optional<double> scout_work(const WorkerSession& worker,
+                                                   const Job& job) const;
     [[nodiscard]] double tile_time_min_s() const;
     [[nodiscard]] double speed_of(const WorkerSession& worker) const;
     void look_ready(const Job& job);

@@ -71,6 +71,9 @@ void Job::plan() {
     if (submission_.order == protocol::TileOrder::automatic && !party_->is_film())
         for (const std::size_t spot : costs_.scattered_spots())
             scouts_.push_back(costs_.spot(spot));
+    scout_pixels_max_ = CostMap::scattered_share *
+                        static_cast<double>(submission_.settings.crop.pixel_count()) /
+                        static_cast<double>(std::max<std::size_t>(1, scouts_.size()));
 }
 
 OpenTileId Job::open(OpenTile tile) {

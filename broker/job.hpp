@@ -100,8 +100,8 @@ public:
         /// Blocks beside one another are joined up to so much, where no order was asked for.
         double joined_work_max = 0;
         /// Whether it may be one of the job's scouts, which tell what is dear before all else is
-        /// handed out, and so much work they must be at least, on the average.
-        std::optional<double> scout_work_min{};
+        /// handed out, and so much work they should be.
+        std::optional<double> scout_work{};
         /// Whether there is anybody else who may draw it: a tile that failed on this worker is left
         /// to those on whom it did not.
         std::function<bool(std::span<const WorkerId> failed_on)> has_others;
@@ -281,7 +281,7 @@ private:
     [[nodiscard]] OpenTileId next_fixed();
     [[nodiscard]] OpenTileId cut(OpenTileId id, double work_wanted);
     void join_blocks(OpenTileId id, double work_max);
-    [[nodiscard]] OpenTileId next_scout(double work_min);
+    [[nodiscard]] OpenTileId next_scout(double work_wanted);
     [[nodiscard]] bool is_fresh_block(const OpenTile& tile) const;
     [[nodiscard]] double rank_of(const protocol::CellRect& cells, double work) const;
     void rank_anew();
@@ -298,6 +298,7 @@ private:
 
     std::vector<std::uint32_t> order_; ///< fixed tiles: cells; explicit orders: ranks of blocks
     std::deque<protocol::CellRect> scouts_; ///< spots, each in another block, far from one another
+    double scout_pixels_max_ = 0;           ///< of each
     std::uint64_t fresh_ = 0;               ///< fixed tiles from here on were never handed out
     std::uint64_t fresh_end_ = 0;           ///< nor are those from here on
     std::uint64_t open_count_ = 0;          ///< how many were ever open

@@ -16,6 +16,9 @@ namespace {
 // Tiles that may be open one above the other: the whole, its parts, their parts.
 constexpr int overbooked_max = 3;
 
+// Scouts are few: so they may be that part of the work that they should be.
+constexpr double scout_part = 1.0 / 16;
+
 } // namespace
 
 // ------------------------------------------------------------------------------------ handing out
@@ -51,8 +54,8 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
     }
     if (fresh_ < fresh_end_)
         return next_fixed();
-    if (bidder.scout_work_min && !dealt_out_)
-        if (const OpenTileId scout = next_scout(*bidder.scout_work_min); scout != OpenTileId::none)
+    if (bidder.scout_work && !dealt_out_)
+        if (const OpenTileId scout = next_scout(*bidder.scout_work); scout != OpenTileId::none)
             return scout;
     auto queue = pending_.find(bidder.worker);
     if (queue == pending_.end())
@@ -65,15 +68,22 @@ OpenTileId Job::take_pending(const Bidder& bidder) {
         return OpenTileId::none;
     const OpenTileId id = steals ? queue->second.rbegin()->id : queue->second.begin()->id;
     erase_pending(id, open_.at(id));
+    if (!dealt_out_)
+        join_blocks(id, std::min(bidder.work_wanted, bidder.joined_work_max));
     return id;
 }
 
-/// A spot of a block that is fresh; what is around it there stays pending. None while spots are
-/// thought to be less work than that: the picture is done soon.
-OpenTileId Job::next_scout(double work_min) {
-    if (scouts_.empty() ||
-        costs_.done() + costs_.left() < work_min * static_cast<double>(costs_.spot_count()))
+/// A spot of a block that is fresh, with as much around it as makes it so much work, while all
+/// scouts stay a small part of the picture: what a tile costs beside its pixels should not be taken
+/// for theirs. The rest of the block stays pending. None while spots are thought to be far less
+/// work than that: the picture is done soon.
+OpenTileId Job::next_scout(double work_wanted) {
+    if (scouts_.empty() || costs_.done() + costs_.left() <
+                               scout_part * work_wanted * static_cast<double>(costs_.spot_count()))
         return OpenTileId::none;
+    const auto is_small = [&](const CellRect& cells) {
+        return static_cast<double>(grid_.pixels(cells).pixel_count()) <= scout_pixels_max_;
+    };
     while (!scouts_.empty()) {
         const CellRect scout = scouts_.front();
         scouts_.pop_front();
@@ -87,7 +97,10 @@ OpenTileId Job::next_scout(double work_min) {
             const bool is_in_first = contains(first, scout);
             if (tile == scout || !(is_in_first || contains(second, scout)))
                 break; // the middle of a block at the border goes through it
-            tile = is_in_first ? first : second;
+            const CellRect half = is_in_first ? first : second;
+            if (is_small(tile) && costs_.work(half) < work_wanted)
+                break;
+            tile = half;
             push_pending(open({.tile = {0, is_in_first ? second : first}}));
         }
         return open({.tile = {0, tile}, .work = costs_.work(tile)});
@@ -158,8 +171,6 @@ std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
         id = take_pending(bidder);
         if (id == OpenTileId::none)
             return std::nullopt;
-        if (!dealt_out_)
-            join_blocks(id, std::min(bidder.work_wanted, bidder.joined_work_max));
         if (!dealt_out_ || stealing_)
             id = cut(id, bidder.work_wanted);
         if (!overlapping_ || !all_cells_done(open_.at(id).tile))

@@ -1,164 +1,14 @@
-// Who gets which tile: sizes, probes, speeds, wishes, schedules, and help for those who are late.
-#include "tests/broker/farm.hpp"
+// Who gets which tile: sizes, probes, wishes, shares, and help for those who are late.
+#include "tests/broker/machines.hpp"
 
 #include "common/protocol/limits.hpp"
-#include "common/protocol/probe.hpp"
 #include "common/protocol/settings.hpp"
-
-#include <cmath>
-#include <cstring>
-#include <functional>
-#include <set>
 
 namespace fraja::broker {
 namespace {
 
 using namespace protocol;
 using namespace std::chrono_literals;
-
-SubmitJob automatic(std::uint8_t id, std::uint32_t width, std::uint32_t height) {
-    SubmitJob s = Farm::picture(id, 1);
-    s.settings.size = {width, height};
-    s.settings.crop = {0, 0, width, height};
-    s.tile_side = 0;
-    return s;
-}
-
-/// To a probe: so many rays in each square.
-template <class Rays>
-TileRendered probed(const RenderTile& order, Rays rays) {
-    Bytes bytes;
-    for (std::uint64_t i = 0; i < probe_squares(order.rect, order.probe_side); ++i) {
-        const auto value = static_cast<float>(rays(probe_square(order.rect, order.probe_side, i)));
-        const auto* raw = reinterpret_cast<const std::byte*>(&value);
-        bytes.insert(bytes.end(), raw, raw + sizeof value);
-    }
-    TileRendered answer = Farm::answer(order);
-    answer.rays.camera = bytes.size() / 4;
-    answer.blobs = {Blob(std::move(bytes))};
-    return answer;
-}
-
-/// Workers of one thread in pretend time: each renders its tiles in turn, `cost` rays a pixel at
-/// `speed` rays a second. Until the job is over; how long that took.
-class Machines {
-public:
-    struct Machine {
-        PeerId peer;
-        double speed = 1;
-        std::vector<RenderTile> waiting{};
-        std::optional<Instant> ends{};
-    };
-    Machines(Farm& farm, std::vector<Machine> machines, double (*cost)(PixelRect),
-             bool honest = true)
-        : farm_(farm), machines_(std::move(machines)), cost_(cost), honest_(honest) {
-        std::uint8_t id = 0;
-        for (const Machine& machine : machines_)
-            farm_.worker_arrives(machine.peer, ++id, 1, 2);
-    }
-    Duration run(const JobId& job) {
-        const Instant begin = farm_.now;
-        for (int i = 0; i < 200'000 && !is_over(phase(job)); ++i) {
-            take_orders();
-            Instant next = farm_.dispatcher.next_deadline();
-            for (const Machine& machine : machines_)
-                next = std::min(next, machine.ends.value_or(Instant::never()));
-            farm_.now = std::max(farm_.now, next);
-            for (Machine& machine : machines_)
-                if (machine.ends && *machine.ends <= farm_.now)
-                    answer(machine);
-            farm_.event(Tick{});
-            if (watch)
-                watch(farm_.state(job));
-            if (farm_.now >= next_beat_) {
-                next_beat_ = farm_.now + 500ms;
-                for (const Machine& machine : machines_) {
-                    take_orders(); // what one says may bring another a tile
-                    farm_.beat(machine.peer, 2, machine.waiting, ++beats_);
-                }
-            }
-        }
-        CHECK(phase(job) == JobPhase::done);
-        const Duration took = farm_.now - begin;
-        take_orders(); // what was not wanted any more is stopped
-        return took;
-    }
-    [[nodiscard]] double busy_s() const { return busy_s_; }
-
-    double (*ray_time)(PixelRect) = nullptr;    ///< of a tile that begins there, times its speed
-    std::function<void(const JobState&)> watch; ///< after all that happens
-
-private:
-    JobPhase phase(const JobId& job) { return farm_.state(job).phase; }
-    void take_orders() {
-        for (Machine& machine : machines_) {
-            const auto cancelled = farm_.all<CancelTile>(machine.peer);
-            for (const RenderTile& tile : farm_.tiles(machine.peer))
-                machine.waiting.push_back(tile);
-            for (const CancelTile& cancel : cancelled)
-                for (std::size_t i = 0; i < machine.waiting.size(); ++i)
-                    if (machine.waiting[i].attempt == cancel.attempt) {
-                        const RenderTile tile = machine.waiting[i];
-                        machine.waiting.erase(machine.waiting.begin() +
-                                              static_cast<std::ptrdiff_t>(i));
-                        if (i == 0)
-                            machine.ends.reset();
-                        farm_.fail(machine.peer, tile, FailureCode::cancelled);
-                        break;
-                    }
-            begin_next(machine);
-        }
-    }
-    [[nodiscard]] double rays(const RenderTile& tile) const {
-        if (tile.probe_side > 0)
-            return static_cast<double>(probe_squares(tile.rect, tile.probe_side));
-        double sum = 0;
-        for (std::uint32_t y = tile.rect.y; y < tile.rect.y + tile.rect.height; ++y)
-            for (std::uint32_t x = tile.rect.x; x < tile.rect.x + tile.rect.width; ++x)
-                sum += cost_({x, y, 1, 1});
-        return sum;
-    }
-    [[nodiscard]] double seconds_of(const Machine& machine, const RenderTile& tile) const {
-        return rays(tile) / machine.speed * (ray_time ? ray_time(tile.rect) : 1);
-    }
-    void begin_next(Machine& machine) {
-        if (machine.ends || machine.waiting.empty())
-            return;
-        const double s = seconds_of(machine, machine.waiting.front());
-        busy_s_ += s;
-        machine.ends = farm_.now + from_seconds(s);
-    }
-    void answer(Machine& machine) {
-        const RenderTile tile = machine.waiting.front();
-        machine.waiting.erase(machine.waiting.begin());
-        machine.ends.reset();
-        begin_next(machine);
-        TileRendered answer = Farm::answer(tile);
-        if (tile.probe_side > 0)
-            answer = probed(tile, [&](PixelRect r) {
-                return honest_ ? cost_({r.x + r.width / 2, r.y + r.height / 2, 1, 1}) : 1;
-            });
-        answer.rays.camera = static_cast<std::uint64_t>(rays(tile));
-        answer.elapsed = from_seconds(seconds_of(machine, tile));
-        farm_.say(machine.peer, answer);
-    }
-
-    Farm& farm_;
-    std::vector<Machine> machines_;
-    double (*cost_)(PixelRect);
-    bool honest_; ///< when probed
-    Instant next_beat_{};
-    std::uint64_t beats_ = 0;
-    double busy_s_ = 0;
-};
-
-double even(PixelRect) {
-    return 1;
-}
-/// A corner is a hundred times as much as the rest.
-double uneven(PixelRect r) {
-    return r.x < 40 && r.y < 40 ? 100 : 1;
-}
 
 TEST_CASE("an automatic job is probed once, by a few rays, and a fixed one is not") {
     Farm farm;
@@ -392,70 +242,6 @@ TEST_CASE("a job that is tried again does not wait for the probe that came when 
     CHECK(tiles[0].probe_side == 0);
 }
 
-TEST_CASE("machines of different speeds end together, on even pictures and uneven ones") {
-    for (double (*cost)(PixelRect) : {even, uneven}) {
-        Farm farm;
-        Machines machines(
-            farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}, {"d", 8'000}, {"e", 1'000}}, cost);
-        const JobId job = farm.submit("client", automatic(1, 320, 240));
-        const double took = seconds(machines.run(job));
-        double rays = 0;
-        for (std::uint32_t y = 0; y < 240; ++y)
-            for (std::uint32_t x = 0; x < 320; ++x)
-                rays += cost({x, y, 1, 1});
-        CHECK(took < 1.02 * rays / 16'000);
-        CHECK(farm.state(job).done_count == farm.state(job).cell_count);
-    }
-}
-
-/// On the right rays take four times as long as on the left.
-double slow_on_the_right(PixelRect r) {
-    return r.x >= 320 ? 4 : 1;
-}
-
-TEST_CASE("what remains is known, and the share that is done grows, however long rays take where") {
-    for (const std::size_t count : {1u, 4u}) {
-        CAPTURE(count);
-        Farm farm;
-        std::vector<Machines::Machine> some;
-        for (std::size_t i = 0; i < count; ++i)
-            some.push_back({"m" + std::to_string(i), 1'000.0 * static_cast<double>(i + 1)});
-        Machines machines(farm, some, even);
-        machines.run(farm.submit("client", automatic(1, 160, 120))); // and they are known
-        machines.ray_time = slow_on_the_right;
-        std::vector<std::pair<double, double>> told; // when, and until when
-        const Instant begin = farm.now;
-        double share = 0;
-        machines.watch = [&](const JobState& s) {
-            CHECK(s.share_done > share - 0.02);
-            share = s.share_done;
-            const double at = seconds(farm.now - begin);
-            if (s.share_per_s > 0)
-                told.emplace_back(at, at + (1 - s.share_done) / s.share_per_s);
-        };
-        const double took = seconds(machines.run(farm.submit("client", automatic(2, 640, 480))));
-        for (const auto& [at, end] : told)
-            if (at > 0.1 * took && at < 0.95 * took)
-                CHECK(std::abs(end - took) < 0.2 * (took - at));
-    }
-}
-
-TEST_CASE("what no probe has seen costs some time, and not much") {
-    Farm farm;
-    Machines machines(farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}, {"d", 8'000}}, uneven,
-                      false);
-    CHECK(seconds(machines.run(farm.submit("client", automatic(1, 320, 240)))) <
-          1.5 * (320 * 240 + 99 * 40 * 40) / 15'000);
-}
-
-TEST_CASE("a machine a thousand times slower than the others delays nobody") {
-    Farm farm;
-    Machines machines(farm, {{"snail", 5}, {"a", 5'000}, {"b", 5'000}}, even);
-    const JobId job = farm.submit("client", automatic(1, 320, 240));
-    CHECK(seconds(machines.run(job)) < 1.05 * 320 * 240 / 10'000);
-    CHECK(farm.dispatcher.counters().tiles_overbooked > 0);
-}
-
 TEST_CASE("tags are fitted: K by any value, K=V by that one") {
     struct Row {
         std::vector<std::string> wanted, tags;
@@ -507,24 +293,6 @@ TEST_CASE("no more workers than were asked for have tiles of a job") {
     CHECK(farm.state(job).worker_count == 2);
 }
 
-TEST_CASE("a job for few workers goes to the fastest of those who are idle") {
-    Farm farm;
-    Machines machines(farm, {{"a", 1'000}, {"b", 4'000}, {"c", 2'000}}, uneven);
-    machines.run(farm.submit("client", automatic(1, 160, 120))); // and they are known
-    SubmitJob s = Farm::picture(2, 20);
-    s.wishes.workers_max = 2;
-    const JobId job = farm.submit("later", s);
-    CHECK(farm.state(job).worker_count == 2);
-    CHECK(farm.tiles("a").empty());
-    CHECK_FALSE(farm.tiles("b").empty());
-    CHECK_FALSE(farm.tiles("c").empty());
-    s.job = id_of<JobId>(3);
-    s.wishes.workers_max = 1; // of all of whom none is idle but the slow one
-    const JobId other = farm.submit("later", s);
-    CHECK(farm.state(other).worker_count == 1);
-    CHECK(farm.tiles("a").size() == 2);
-}
-
 TEST_CASE("of very many idle workers some are compared, which costs the broker no time") {
     for (const std::uint32_t count : {200u, 300u}) {
         Farm farm;
@@ -543,22 +311,6 @@ TEST_CASE("of very many idle workers some are compared, which costs the broker n
         farm.submit("client", s);
         CHECK(farm.tiles("w" + std::to_string(999 + count)).empty() == (count > 256));
     }
-}
-
-TEST_CASE("every schedule draws the picture, and stealing ends before equal shares do") {
-    std::map<Schedule, double> took;
-    for (const Schedule schedule :
-         {Schedule::demand, Schedule::equal, Schedule::weighted, Schedule::stealing}) {
-        Farm farm;
-        Machines machines(farm, {{"a", 1'000}, {"b", 2'000}, {"c", 4'000}}, uneven);
-        SubmitJob s = automatic(1, 160, 120);
-        s.wishes.schedule = schedule;
-        took[schedule] = seconds(machines.run(farm.submit("client", s)));
-        if (schedule == Schedule::equal)
-            CHECK(farm.dispatcher.counters().tiles_overbooked == 0);
-    }
-    CHECK(took[Schedule::demand] <= took[Schedule::stealing]);
-    CHECK(took[Schedule::stealing] < took[Schedule::equal]);
 }
 
 TEST_CASE("a picture of fixed tiles is probed where it is dealt out by what its parts cost") {

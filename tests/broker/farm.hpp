@@ -214,4 +214,13 @@ private:
     std::set<PeerId> clients;
 };
 
+/// A job whose tiles the broker chooses.
+inline protocol::SubmitJob automatic(std::uint8_t id, std::uint32_t width, std::uint32_t height) {
+    protocol::SubmitJob s = Farm::picture(id, 1);
+    s.settings.size = {width, height};
+    s.settings.crop = {0, 0, width, height};
+    s.tile_side = 0;
+    return s;
+}
+
 } // namespace fraja::broker

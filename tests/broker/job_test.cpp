@@ -12,14 +12,6 @@ namespace {
 
 using namespace protocol;
 
-SubmitJob automatic(std::uint32_t width, std::uint32_t height) {
-    SubmitJob s = Farm::picture(1, 1);
-    s.settings.size = {width, height};
-    s.settings.crop = {0, 0, width, height};
-    s.tile_side = 0;
-    return s;
-}
-
 /// As a probe tells of four blocks side by side.
 std::vector<double> spots_of(const Job& job, const std::vector<double>& blocks) {
     std::vector<double> spots;
@@ -41,7 +33,7 @@ std::shared_ptr<const TileDone> done_with(const Job& job, const Tile& tile) {
 struct Desk {
     Job job;
     double joined_work_max = 0;
-    std::optional<double> scout_work_min{};
+    std::optional<double> scout_work{};
     std::uint32_t attempts = 0;
     struct AtWork {
         Job::Handed handed;
@@ -56,7 +48,7 @@ struct Desk {
              .peer = std::to_string(worker),
              .work_wanted = work_wanted,
              .joined_work_max = joined_work_max,
-             .scout_work_min = scout_work_min,
+             .scout_work = scout_work,
              .has_others =
                  [&](std::span<const WorkerId> failed_on) {
                      return std::set(failed_on.begin(), failed_on.end()).size() < workers;
@@ -73,7 +65,7 @@ struct Desk {
 };
 
 TEST_CASE("of a tile that is too much a part is handed out, and the rest later") {
-    Desk desk{Job(automatic(64, 64), 1, "c")}; // one block of 32 x 32 cells
+    Desk desk{Job(automatic(1, 64, 64), 1, "c")}; // one block of 32 x 32 cells
     const auto first = desk.hand_out(1, 100);
     REQUIRE(first);
     CHECK(first->work <= 100);
@@ -87,7 +79,7 @@ TEST_CASE("of a tile that is too much a part is handed out, and the rest later")
 }
 
 TEST_CASE("fresh blocks are joined up to what is wanted, and never beyond a tile's side") {
-    Desk desk{Job(automatic(2048, 2048), 1, "c"), 1e9};
+    Desk desk{Job(automatic(1, 2048, 2048), 1, "c"), 1e9};
     std::uint64_t pixels = 0;
     const auto next = [&](double wanted) {
         const auto handed = desk.hand_out(1, wanted);
@@ -110,7 +102,7 @@ TEST_CASE("fresh blocks are joined up to what is wanted, and never beyond a tile
 }
 
 TEST_CASE("at the borders as much is joined as is there") {
-    Desk desk{Job(automatic(200, 70), 1, "c"), 1e9};
+    Desk desk{Job(automatic(1, 200, 70), 1, "c"), 1e9};
     const auto handed = desk.hand_out(1, 1e9);
     REQUIRE(handed);
     CHECK(desk.job.rect(handed->tile) == PixelRect{0, 0, 200, 70});
@@ -118,7 +110,7 @@ TEST_CASE("at the borders as much is joined as is there") {
 }
 
 TEST_CASE("what comes back is not joined, nor where an order was asked for") {
-    Desk desk{Job(automatic(256, 256), 1, "c"), 1e9};
+    Desk desk{Job(automatic(1, 256, 256), 1, "c"), 1e9};
     const auto block = desk.hand_out(1, 64 * 64);
     REQUIRE(block);
     desk.job.requeue(block->id);
@@ -133,7 +125,7 @@ TEST_CASE("what comes back is not joined, nor where an order was asked for") {
     REQUIRE(whole);
     CHECK(desk.job.rect(whole->tile) == PixelRect{0, 0, 256, 256});
 
-    SubmitJob s = automatic(256, 256);
+    SubmitJob s = automatic(1, 256, 256);
     s.order = TileOrder::scan;
     Desk scan{Job(s, 1, "c"), 1e9};
     const auto first = scan.hand_out(1, 1e9);
@@ -142,14 +134,14 @@ TEST_CASE("what comes back is not joined, nor where an order was asked for") {
 }
 
 TEST_CASE("no tile is smaller than a cell, however little is wanted") {
-    Desk desk{Job(automatic(20, 10), 1, "c")};
+    Desk desk{Job(automatic(1, 20, 10), 1, "c")};
     const auto handed = desk.hand_out(1, 0);
     REQUIRE(handed);
     CHECK(desk.job.rect(handed->tile) == PixelRect{0, 0, 2, 2});
 }
 
 TEST_CASE("what a probe finds to be the most work goes first") {
-    Desk desk{Job(automatic(256, 64), 1, "c")};
+    Desk desk{Job(automatic(1, 256, 64), 1, "c")};
     desk.job.take_probe(spots_of(desk.job, {1, 5, 3, 4}));
     std::vector<std::uint32_t> columns;
     while (const auto handed = desk.hand_out(1, 1e9))
@@ -158,7 +150,7 @@ TEST_CASE("what a probe finds to be the most work goes first") {
 }
 
 TEST_CASE("scouts go first: small, far from one another, and what is around them is left") {
-    Desk desk{Job(automatic(640, 480), 1, "c"), 1e9, 0.0};
+    Desk desk{Job(automatic(1, 640, 480), 1, "c"), 1e9, 0.0};
     std::vector<double> blocks(desk.job.costs().block_columns() * desk.job.costs().block_rows(), 1);
     blocks[33] = 9;
     desk.job.take_probe(spots_of(desk.job, blocks));
@@ -182,11 +174,28 @@ TEST_CASE("scouts go first: small, far from one another, and what is around them
     CHECK(pixels == 640 * 480);
 }
 
+TEST_CASE("scouts are as much work as they should be, or a twentieth of the picture together") {
+    struct Row {
+        std::uint32_t side;
+        double work;
+        std::uint64_t pixels; ///< of each
+    };
+    for (const Row& row : {Row{4096, 0, 256}, Row{4096, 257, 512}, Row{4096, 2'000, 2'048},
+                           Row{4096, 4'000, 4'096}, Row{1600, 2'000, 512}}) {
+        CAPTURE(row.side);
+        CAPTURE(row.work);
+        Desk desk{Job(automatic(1, row.side, row.side), 1, "c"), 1e9, row.work};
+        desk.job.take_probe(std::vector<double>(desk.job.costs().spot_count(), 1));
+        for (std::size_t i = 0; i < desk.job.costs().scattered_spots().size(); ++i)
+            CHECK(desk.job.rect(desk.hand_out(1, 1e9)->tile).pixel_count() == row.pixels);
+    }
+}
+
 TEST_CASE("nobody scouts where it was not asked for, where an order was, or for too little work") {
-    SubmitJob s = automatic(640, 480);
+    SubmitJob s = automatic(1, 640, 480);
     Desk plain{Job(s, 1, "c"), 1e9};
     CHECK(plain.job.rect(plain.hand_out(1, 64 * 64)->tile).pixel_count() == 64 * 64);
-    Desk quick{Job(s, 1, "c"), 1e9, 16 * 16 + 1};
+    Desk quick{Job(s, 1, "c"), 1e9, 16 * (16 * 16 + 1)};
     CHECK(quick.job.rect(quick.hand_out(1, 64 * 64)->tile).pixel_count() == 64 * 64);
     s.order = TileOrder::scan;
     Desk ordered{Job(s, 1, "c"), 1e9, 0.0};
@@ -194,7 +203,7 @@ TEST_CASE("nobody scouts where it was not asked for, where an order was, or for 
 }
 
 TEST_CASE("an order that was asked for is kept, also with automatic tiles") {
-    SubmitJob s = automatic(256, 64);
+    SubmitJob s = automatic(1, 256, 64);
     s.order = TileOrder::scan;
     Desk desk{Job(s, 1, "c")};
     desk.job.take_probe(spots_of(desk.job, {1, 5, 3, 4}));
@@ -208,7 +217,7 @@ TEST_CASE("an order that was asked for is kept, also with automatic tiles") {
 TEST_CASE("of what was overbooked the first answer counts, whole or parts") {
     for (const bool whole_first : {true, false}) {
         CAPTURE(whole_first);
-        Desk desk{Job(automatic(64, 64), 1, "c")};
+        Desk desk{Job(automatic(1, 64, 64), 1, "c")};
         const auto whole = desk.hand_out(1, 1e9);
         REQUIRE(desk.job.can_overbook(whole->id));
         desk.job.overbook(whole->id, 4);
@@ -234,7 +243,7 @@ TEST_CASE("of what was overbooked the first answer counts, whole or parts") {
 }
 
 TEST_CASE("a whole that comes after one of its parts brings the others") {
-    Desk desk{Job(automatic(64, 64), 1, "c")};
+    Desk desk{Job(automatic(1, 64, 64), 1, "c")};
     const auto whole = desk.hand_out(1, 1e9);
     desk.job.overbook(whole->id, 2);
     const auto part = desk.hand_out(2, 1e9);
@@ -258,7 +267,7 @@ TEST_CASE("a whole that comes after one of its parts brings the others") {
 TEST_CASE("nothing is lost when the whole is lost, nor when a part is, nor both") {
     for (const bool part_first : {true, false}) {
         CAPTURE(part_first);
-        Desk desk{Job(automatic(64, 64), 1, "c")};
+        Desk desk{Job(automatic(1, 64, 64), 1, "c")};
         const auto whole = desk.hand_out(1, 1e9);
         desk.job.overbook(whole->id, 2);
         const auto part = desk.hand_out(2, 1e9);
@@ -282,7 +291,7 @@ TEST_CASE("nothing is lost when the whole is lost, nor when a part is, nor both"
 }
 
 TEST_CASE("of a tile that is done in part, what is done is not handed out again") {
-    Desk desk{Job(automatic(64, 64), 1, "c")};
+    Desk desk{Job(automatic(1, 64, 64), 1, "c")};
     const auto whole = desk.hand_out(1, 1e9);
     desk.job.overbook(whole->id, 2);
     const auto second = desk.hand_out(2, 1e9), first = desk.hand_out(3, 1e9);
@@ -307,7 +316,7 @@ TEST_CASE("of a tile that is done in part, what is done is not handed out again"
 }
 
 TEST_CASE("parts of parts can be overbooked, and no more") {
-    Desk desk{Job(automatic(64, 64), 1, "c")};
+    Desk desk{Job(automatic(1, 64, 64), 1, "c")};
     auto handed = desk.hand_out(1, 1e9);
     int depth = 1;
     while (desk.job.can_overbook(handed->id)) {
@@ -337,7 +346,7 @@ TEST_CASE("shares are as large as was asked, of the pixels or of the work") {
           // The left half is three times the work of the right.
           Row{true, {1, 1}, {1 / 3.0, 2 / 3.0}}}) {
         CAPTURE(row.by_work);
-        Desk desk{Job(automatic(256, 64), 1, "c")};
+        Desk desk{Job(automatic(1, 256, 64), 1, "c")};
         desk.job.take_probe(spots_of(desk.job, {3, 3, 1, 1}));
         std::vector<Job::Share> shares;
         for (std::size_t i = 0; i < row.shares.size(); ++i)
@@ -356,7 +365,7 @@ TEST_CASE("shares are as large as was asked, of the pixels or of the work") {
 TEST_CASE("a share is its worker's alone, until that is gone; but thieves may take of it") {
     for (const bool stealing : {false, true}) {
         CAPTURE(stealing);
-        Desk desk{Job(automatic(256, 64), 1, "c")};
+        Desk desk{Job(automatic(1, 256, 64), 1, "c")};
         desk.job.deal_out({{id_of<WorkerId>(1)}, {id_of<WorkerId>(2)}}, false, stealing);
         const auto own = desk.hand_out(1, 1e9);
         CHECK(desk.job.rect(own->tile).x < 128);
@@ -370,7 +379,7 @@ TEST_CASE("a share is its worker's alone, until that is gone; but thieves may ta
 }
 
 TEST_CASE("what was restored is not handed out, and what is left is") {
-    Desk desk{Job(automatic(128, 64), 1, "c")};
+    Desk desk{Job(automatic(1, 128, 64), 1, "c")};
     const CellGrid grid = desk.job.grid();
     const auto stored = [&](PixelRect rect) {
         StoredTile tile;
@@ -407,7 +416,7 @@ TEST_CASE("what was restored is not handed out, and what is left is") {
 TEST_CASE("whatever happens to tiles, none is lost and every cell is done in the end") {
     for_each_seed(500, [](Rng& rng) {
         const std::uint32_t side_max = rng.below(4) == 0 ? 400 : 150;
-        SubmitJob s = automatic(1 + static_cast<std::uint32_t>(rng.below(side_max)),
+        SubmitJob s = automatic(1, 1 + static_cast<std::uint32_t>(rng.below(side_max)),
                                 1 + static_cast<std::uint32_t>(rng.below(side_max)));
         if (rng.below(3) == 0)
             s.tile_side = 8 + static_cast<std::uint32_t>(rng.below(30));
@@ -416,7 +425,7 @@ TEST_CASE("whatever happens to tiles, none is lost and every cell is done in the
         if (rng.below(2) == 0)
             desk.joined_work_max = 1e9;
         if (rng.below(2) == 0)
-            desk.scout_work_min = 300 * rng.unit();
+            desk.scout_work = 5'000 * rng.unit();
         const auto someone = [&] { return static_cast<std::uint8_t>(1 + rng.below(4)); };
         std::vector<Job::Handed> late; // taken back, and answered all the same
         for (int i = 0; i < 300 && !desk.job.all_done(); ++i) {
