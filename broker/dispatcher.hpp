@@ -332,6 +332,7 @@ private:
     void publish_farm_state();
     void publish_state(const Job& job);
     [[nodiscard]] protocol::JobState brief_state(const Job& job) const;
+    [[nodiscard]] protocol::WorkerState brief_state(const WorkerSession& worker) const;
     [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
     void repair(const PeerId& peer, const protocol::Repair& repair);

@@ -43,6 +43,8 @@ struct Limits {
                                      << 20;  ///< in one answer, but for its first tile
     std::size_t farm_jobs_max = 200;         ///< in a FarmState
     std::size_t farm_workers_max = 1'000;    ///< in a FarmState
+    std::size_t farm_tags_bytes_max = 200;   ///< of a worker in a FarmState: the first of its tags
+    std::size_t farm_version_bytes_max = 64; ///< of a worker in a FarmState
     std::size_t farm_reason_bytes_max = 500; ///< of a job in a FarmState, which is one frame
 
     // A worker that failed so many tiles within the window gets none for as long.

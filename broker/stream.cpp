@@ -55,6 +55,7 @@ WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
     const bool quarantined = worker.quarantined_until && *worker.quarantined_until > now_;
     return {.worker = worker.hello.worker,
             .worker_name = worker.hello.worker_name,
+            .program_version = worker.hello.program_version,
             .threads = worker.hello.threads,
             .credit = worker.credit,
             .in_flight_count = static_cast<std::uint32_t>(worker.grants.size()),
@@ -63,6 +64,18 @@ WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
             .draining = worker.drained || worker.credit == 0,
             .quarantined = quarantined ? *worker.quarantined_until - now_ : Duration{},
             .tags = worker.hello.tags};
+}
+
+WorkerState Dispatcher::brief_state(const WorkerSession& worker) const {
+    WorkerState state = worker_state(worker);
+    state.program_version =
+        std::string(clipped(state.program_version, limits_.farm_version_bytes_max));
+    std::size_t bytes = 0;
+    const auto beyond = std::ranges::find_if(state.tags, [&](const std::string& tag) {
+        return (bytes += tag.size()) > limits_.farm_tags_bytes_max;
+    });
+    state.tags.erase(beyond, state.tags.end());
+    return state;
 }
 
 protocol::BrokerState Dispatcher::broker_state() const {
@@ -102,7 +115,7 @@ void Dispatcher::publish_farm_state() {
     for (const auto& [peer, worker] : workers_) {
         if (farm.workers.size() >= limits_.farm_workers_max)
             break;
-        farm.workers.push_back(worker_state(worker));
+        farm.workers.push_back(brief_state(worker));
     }
     actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
 }

@@ -1,5 +1,6 @@
 #include "client/doctor.hpp"
 
+#include "client/columns.hpp"
 #include "client/output_of.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
@@ -206,6 +207,26 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
     return findings;
 }
 
+const char* const same_release = "bring all machines to the same release";
+
+/// Workers of another release than the broker's: their pixels need not be those of the others.
+Finding examine_releases(const protocol::FarmState& farm) {
+    const protocol::WorkerState* first = nullptr;
+    std::size_t others = 0;
+    for (const protocol::WorkerState& worker : farm.workers)
+        if (worker.program_version != farm.broker.program_version && others++ == 0)
+            first = &worker;
+    if (first == nullptr)
+        return {};
+    std::string who = "worker " + shortened(first->worker_name, 40);
+    if (others > 1)
+        who += fmt::format(" and {}", counted(others - 1, "other"));
+    return {doubtful, "versions",
+            fmt::format("{} {} not of the broker's {}: {}", who, others > 1 ? "are" : "is",
+                        printable(farm.broker.program_version), printable(first->program_version)),
+            same_release};
+}
+
 } // namespace
 
 std::vector<Finding> examine_machine(const std::string& refused_over) {
@@ -229,7 +250,9 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
         findings.push_back(
             {doubtful, "version",
              "the broker's is " + theirs + ", and here it is " + std::string(version),
-             "bring all machines to the same release"});
+             same_release});
+    if (Finding finding = examine_releases(farm); !finding.text.empty())
+        findings.push_back(std::move(finding));
     const Duration skew = unix_time - broker.unix_time;
     const bool ahead = skew > Duration::zero();
     const std::string apart = format_duration(ahead ? skew : -skew);

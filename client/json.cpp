@@ -76,6 +76,7 @@ Json worker_object(const protocol::WorkerState& w) {
     Json json = {{"schema", "fraja.worker/1"},
                  {"worker", fraja::to_string(w.worker)},
                  {"name", w.worker_name},
+                 {"version", w.program_version},
                  {"threads", w.threads},
                  {"credit", w.credit},
                  {"in_flight_count", w.in_flight_count},

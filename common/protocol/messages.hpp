@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 10;
+inline constexpr std::uint16_t version = 11;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -555,6 +555,7 @@ struct Barrier {
 struct WorkerState {
     WorkerId worker;
     std::string worker_name;
+    std::string program_version;
     std::uint32_t threads = 0;
     std::uint32_t credit = 0;
     std::uint32_t in_flight_count = 0;
@@ -568,6 +569,7 @@ struct WorkerState {
     static constexpr auto fields() {
         return std::tuple{Field{"worker", &T::worker},
                           Field{"worker_name", &T::worker_name},
+                          Field{"program_version", &T::program_version},
                           Field{"threads", &T::threads},
                           Field{"credit", &T::credit},
                           Field{"in_flight_count", &T::in_flight_count},

@@ -418,6 +418,8 @@ TEST_CASE("the farm's state fits in a frame however long its names and reasons a
         hello.worker = random_id<WorkerId>();
         hello.worker_name = name(i);
         hello.threads = hello.credit = 1;
+        hello.program_version.assign(string_bytes_max, 'x');
+        hello.tags = {std::string(100, 'x'), std::string(100, 'x'), "beyond", "beyond"};
         farm.say(name(i), hello);
     }
     for (std::size_t i = 0; i < farm.limits.farm_jobs_max; ++i) {
@@ -439,5 +441,7 @@ TEST_CASE("the farm's state fits in a frame however long its names and reasons a
     CHECK(states.back().jobs.size() == farm.limits.farm_jobs_max);
     CHECK(states.back().workers.size() == farm.limits.farm_workers_max);
     CHECK(states.back().jobs[0].reason.size() == farm.limits.farm_reason_bytes_max);
+    CHECK(states.back().workers[0].program_version.size() == farm.limits.farm_version_bytes_max);
+    CHECK(states.back().workers[0].tags.size() == 2);
     CHECK(encode(states.back()).body.size() <= frame_bytes_max);
 }

@@ -71,6 +71,26 @@ TEST_CASE("a doctor finds what is wrong with a farm, and knows a cure") {
     }
 }
 
+TEST_CASE("a doctor names workers of another release") {
+    auto farm = healthy();
+    const auto add = [&](const std::string& name, std::string_view release) {
+        farm.workers.emplace_back().worker_name = name;
+        farm.workers.back().program_version = release;
+    };
+    add("ada", version);
+    CHECK(about("versions", farm) == Finding{});
+    add("bob", "0.0.8");
+    CHECK(about("versions", farm).text ==
+          "worker bob is not of the broker's " + std::string(version) + ": 0.0.8");
+    add("cleo", "0.0.9");
+    add("dan", "0.0.8");
+    const Finding finding = about("versions", farm);
+    CHECK(finding.grade == Finding::Grade::doubtful);
+    CHECK(finding.text ==
+          "worker bob and 2 others are not of the broker's " + std::string(version) + ": 0.0.8");
+    CHECK(finding.cure == "bring all machines to the same release");
+}
+
 TEST_CASE("clocks that differ by no more than the limit agree") {
     auto farm = healthy();
     farm.broker.unix_time = noon + clock_skew_max;
