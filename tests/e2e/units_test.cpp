@@ -135,7 +135,7 @@ TEST_CASE("the broker's unit reloads it, and the journal gets lines with its own
 
 TEST_CASE("the worker's unit drains to stop, and hands back at a second TERM") {
     const Scratch scratch;
-    Farm farm({"--heartbeat", heartbeat_option});
+    Farm farm({"--heartbeat", "2s"}); // a worker that has lost its broker has no tiles
     const Manager manager(scratch.file("notify"));
     CHECK(value("fraja-worker", "Type") == "notify");
     CHECK(value("fraja-worker", "SuccessExitStatus") == "143");
