@@ -71,4 +71,15 @@ Result<SceneFile> read_scene_file(const std::filesystem::path& path) {
     return file;
 }
 
+Result<void> check_apart(const std::filesystem::path& output, const std::filesystem::path& input) {
+    std::error_code ignored; // what is not there is not lost
+    if (!std::filesystem::is_regular_file(output, ignored) ||
+        !std::filesystem::equivalent(output, input, ignored))
+        return {};
+    return Error{ErrorCode::invalid_argument,
+                 "the picture would replace what it is made of: " + output.string() +
+                     (output == input ? "" : " is " + input.string()) +
+                     "; choose another file with -o"};
+}
+
 } // namespace fraja::client

@@ -20,4 +20,9 @@ struct SceneFile {
 /// Errors: io; limit_exceeded; invalid_scene with place and cure.
 [[nodiscard]] Result<SceneFile> read_scene_file(const std::filesystem::path& path);
 
+/// Whether a picture may be written there without the file that it is made of being lost, under
+/// whatever name. Errors: invalid_argument.
+[[nodiscard]] Result<void> check_apart(const std::filesystem::path& output,
+                                       const std::filesystem::path& input);
+
 } // namespace fraja::client

@@ -195,6 +195,10 @@ private:
         report_.scene = scene_.hash;
         if (options_.detach)
             return std::nullopt;
+        if (const auto apart = check_apart(options_.output, options_.scene_file); !apart) {
+            console_.error(apart.error().message);
+            return apart.error().message;
+        }
         if (const auto writable = check_writable(
                 options_.output, {options_.settings.crop.width, options_.settings.crop.height});
             !writable) {

@@ -9,6 +9,7 @@
 #include "client/picture.hpp"
 #include "client/progress.hpp"
 #include "client/progress_report.hpp"
+#include "client/scene_file.hpp"
 #include "client/settings_text.hpp"
 #include "client/shell.hpp"
 #include "common/base/guarded.hpp"
@@ -164,6 +165,12 @@ private:
             else
                 waiting_.push_back(report_.frames.size() - 1);
         }
+        for (const std::size_t index : waiting_)
+            for (const std::string& input : {options_.scene_file, options_.travel_file})
+                if (const auto apart = check_apart(
+                        frame_file(options_.output, report_.frames[index].number), input);
+                    !apart)
+                    return said(apart.error().message);
         if (!waiting_.empty())
             if (const auto writable = check(report_.frames[waiting_.front()].number); !writable)
                 return said(writable.error().message);

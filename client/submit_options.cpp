@@ -62,6 +62,7 @@ struct Arguments {
                           {"--resume", "--direct"},
                           {"--resume", "--time-limit"},
                           {"--local", "--direct"},
+                          {"--tag", "--local"},
                           {"--layers", "--time-limit"},
                           {"--schedule", "--time-limit"},
                           {"--travel", "--time-limit"},
@@ -348,6 +349,8 @@ Result<void> read_conduct(Arguments& a) {
     if (o.detach && (o.stats || o.skip_existing || o.preview != PreviewMode::none))
         return invalid_option("--detach leaves before the job is done: without --stats, "
                               "--skip-existing and --preview");
+    if (o.local && !o.wishes.tags.empty())
+        return invalid_option("--tag chooses among a farm's workers: not with --local");
     if (o.resume && o.local)
         return invalid_option("--resume needs a farm that goes on: not with --local");
     if (o.resume && o.settings.limited_in_time())

@@ -188,6 +188,7 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj --kernel slow", "--kernel"},
                            Row{"a.raj --detach -o b.png", "--detach"},
                            Row{"a.raj --detach --local", "--detach"},
+                           Row{"a.raj --local --tag gpu", "--tag chooses among"},
                            Row{"a.raj --detach --wait", "--detach"},
                            Row{"a.raj --direct h", "--direct: endpoint 'h': a port"},
                            Row{"a.raj --direct h:0", "--direct: endpoint 'h:0': a port"},
