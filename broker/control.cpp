@@ -19,6 +19,7 @@ std::optional<std::string> Dispatcher::pause(Job& job) {
     job.phase = JobPhase::paused;
     keep_phase(job);
     look_ready(job);
+    log_deed(job, JobDeed::pause);
     return std::nullopt;
 }
 
@@ -30,6 +31,7 @@ std::optional<std::string> Dispatcher::resume(Job& job) {
     job.phase = job.in_flight_count() > 0 ? JobPhase::running : JobPhase::queued;
     keep_phase(job);
     look_ready(job);
+    log_deed(job, JobDeed::resume);
     return std::nullopt;
 }
 
@@ -65,7 +67,20 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     look_ready(job);
+    log_deed(job, JobDeed::retry);
     return std::nullopt;
+}
+
+void Dispatcher::log_deed(const Job& job, JobDeed deed) {
+    const std::string done = deed == JobDeed::pause    ? "is paused"
+                             : deed == JobDeed::resume ? "goes on"
+                             : deed == JobDeed::retry
+                                 ? "is tried again"
+                                 : "has priority " + std::to_string(job.priority);
+    log({.level = LogLevel::info,
+         .kind = "job_controlled",
+         .subject = to_string(job.id()),
+         .text = described(job) + " " + done});
 }
 
 void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
@@ -101,6 +116,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     case JobDeed::set_priority:
         job->priority = control.priority;
         look_ready(*job);
+        log_deed(*job, control.deed);
         if (job->is_kept)
             persist(PutPriority{job->id(), job->priority}, {.job = job->id()});
         break;

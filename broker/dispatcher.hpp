@@ -184,6 +184,7 @@ private:
 
     // control.cpp: what people want of jobs and workers, and what we want of workers that fail
     void control_job(const PeerId& peer, const protocol::ControlJob& control);
+    void log_deed(const Job& job, protocol::JobDeed deed);
     [[nodiscard]] std::optional<std::string> pause(Job& job);
     [[nodiscard]] std::optional<std::string> resume(Job& job);
     [[nodiscard]] std::optional<protocol::Refused> retry(Job& job);
@@ -205,6 +206,8 @@ private:
     [[nodiscard]] bool suits(const WorkerSession& worker, const PeerId& peer,
                              const Party& party) const;
     [[nodiscard]] bool lacks_tagged_worker(const Job& job) const;
+    /// To jobs of a higher priority, and has nothing in flight.
+    [[nodiscard]] bool gives_way(const Job& job) const;
     [[nodiscard]] static bool has_tags(const WorkerSession& worker, const protocol::Wishes& wishes);
     [[nodiscard]] bool has_others(const Job& job, std::span<const WorkerId> failed_on) const;
     [[nodiscard]] bool is_waiting_to_be_dealt_out(Job& job);

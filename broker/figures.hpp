@@ -63,6 +63,12 @@ struct Figures {
 
     Counters counters;
 
+    [[nodiscard]] std::uint64_t jobs_not_over() const {
+        std::uint64_t count = 0;
+        for (std::size_t phase = 0; phase < jobs.size(); ++phase)
+            count += protocol::is_over(static_cast<protocol::JobPhase>(phase)) ? 0 : jobs[phase];
+        return count;
+    }
     [[nodiscard]] std::uint64_t workers() const {
         return workers_idle + workers_busy + workers_draining + workers_quarantined;
     }

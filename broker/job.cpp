@@ -349,6 +349,11 @@ void Job::set_time_is_up() {
 
 // ------------------------------------------------------------------------------------------- state
 
+std::string described(const Job& job) {
+    return "job #" + std::to_string(job.number()) + " " + job.submission().job_name + " " +
+           to_string(job.id());
+}
+
 std::uint64_t Job::promised_bytes() const {
     const protocol::PictureSettings& s = submission_.settings;
     return passes_ * (s.crop.pixel_count() * s.pixel_bytes() + grid_.count() * tile_overhead_bytes);

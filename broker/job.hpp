@@ -89,6 +89,7 @@ public:
     [[nodiscard]] std::uint32_t pass(const Tile& tile) const { return first_pass_ + tile.pass; }
     /// No pass is begun any more but the first, which must be.
     void set_time_is_up();
+    [[nodiscard]] bool time_is_up() const { return time_is_up_; }
 
     // ------------------------------------------------------------------------------------- tiles
     /// Who asks for a tile.
@@ -322,5 +323,8 @@ private:
     protocol::Rays rays_;
     Duration render_time_{};
 };
+
+/// For the log.
+[[nodiscard]] std::string described(const Job& job);
 
 } // namespace fraja::broker

@@ -14,11 +14,6 @@ using namespace protocol;
 
 namespace {
 
-std::string described(const Job& job) {
-    return "job #" + std::to_string(job.number()) + " " + job.submission().job_name + " " +
-           to_string(job.id());
-}
-
 /// And not for the store to have it.
 bool is_waiting_for_scene(const Job& job) {
     return job.phase == JobPhase::waiting_for_scene && !job.is_being_kept;
@@ -384,13 +379,16 @@ void Dispatcher::acknowledge(Job& job) {
 void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
     const std::string& what = find.what;
     std::vector<const Job*> found;
-    if (what.starts_with('#')) {
-        const auto number = parse_count(std::string_view(what).substr(1));
+    const auto numbered = [&](std::string_view digits) -> const Job* {
+        const auto number = parse_count(digits);
         const auto entry = number && *number <= UINT32_MAX
                                ? job_by_number_.find(static_cast<std::uint32_t>(*number))
                                : job_by_number_.end();
-        if (entry != job_by_number_.end())
-            found.push_back(&jobs_.at(entry->second));
+        return entry == job_by_number_.end() ? nullptr : &jobs_.at(entry->second);
+    };
+    if (what.starts_with('#')) {
+        if (const Job* const job = numbered(std::string_view(what).substr(1)))
+            found.push_back(job);
     } else if (what.empty()) {
         if (!job_by_number_.empty())
             found.push_back(&jobs_.at(job_by_number_.rbegin()->second));
@@ -403,6 +401,10 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
             for (const auto& [id, job] : jobs_)
                 if (!is_order(job) && to_string(id).starts_with(what))
                     found.push_back(&job);
+        // Whoever types 13 has read that in a table, as #13.
+        if (const Job* const job = numbered(what);
+            job && std::ranges::find(found, job) == found.end())
+            found.push_back(job);
     }
     if (found.empty())
         return refuse(peer, RefusalCode::no_such_job,
@@ -410,7 +412,8 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
     if (found.size() > 1)
         return refuse(peer, RefusalCode::invalid,
                       "'" + what + "' fits " + std::to_string(found.size()) +
-                          " jobs: give more of the id");
+                          " jobs: give more of the id" +
+                          (numbered(what) ? ", or '#" + what + "'" : ""));
     send(peer, state_of(*found.front()));
 }
 

@@ -22,6 +22,14 @@ std::string no_tagged_worker(const std::vector<std::string>& tags) {
            " starts one)";
 }
 
+constexpr const char* no_able_worker =
+    "waiting: no worker that is connected may be given tiles: they drain or are in quarantine "
+    "(fraja-ctl workers shows them, fraja-ctl undrain takes one back)";
+constexpr const char* others_first =
+    "waiting: jobs of a higher priority go first (fraja-ctl jobs shows them, fraja-ctl prio "
+    "changes that)";
+constexpr const char* late = "late: its time is up, and its first pass is not done yet";
+
 } // namespace
 
 void Dispatcher::persist(Write write, Unstored what) {
@@ -104,7 +112,18 @@ JobState Dispatcher::state_of(const Job& job) const {
         state.reason = protocol::no_worker_reason;
     else if (job.may_run() && lacks_tagged_worker(job))
         state.reason = std::string(clipped(no_tagged_worker(job.submission().wishes.tags), 500));
+    else if (job.may_run() && workers_with_credit_ == 0)
+        state.reason = no_able_worker;
+    else if (job.may_run() && gives_way(job))
+        state.reason = others_first;
+    else if (job.may_run() && job.time_is_up())
+        state.reason = late;
     return state;
+}
+
+bool Dispatcher::gives_way(const Job& job) const {
+    const ReadyJobs::Group* const first = ready_.first();
+    return first && first->priority > job.priority && job.in_flight_count() == 0;
 }
 
 bool Dispatcher::lacks_tagged_worker(const Job& job) const {

@@ -160,7 +160,7 @@ private:
         while (const auto signal = options_.signals ? options_.signals->receive() : std::nullopt) {
             if (*signal == SIGINT || *signal == SIGTERM) {
                 stopped_by_signal_ = true;
-                log({LogLevel::info, "stopping", {}, "stopping"});
+                log({LogLevel::info, "stopping", {}, "stopping" + fate_of_jobs()});
                 if (options_.on_stopping)
                     options_.on_stopping();
             } else if (*signal == SIGHUP) {
@@ -172,6 +172,16 @@ private:
                     log({LogLevel::info, {}, {}, line});
             }
         }
+    }
+
+    /// Of those that are not over.
+    [[nodiscard]] std::string fate_of_jobs() const {
+        const std::uint64_t count = dispatcher_.figures().jobs_not_over();
+        if (count == 0)
+            return {};
+        return ": " + counted(count, "job") +
+               (kept_ ? " to go on with when it is started again"
+                      : " not over, which nobody keeps (--state)");
     }
 
     bool take_subscription() {

@@ -47,7 +47,10 @@ void SearchNotice::end() {
 
 void WaitNotice::update(Instant now, const protocol::JobState& job, const std::string& cure) {
     std::string text;
-    if (!is_over(job.phase) && !job.reason.empty())
+    if (job.phase == protocol::JobPhase::paused)
+        text = fmt::format("{0} #{1} is paused (fraja-ctl resume '#{1}' lets it go on)",
+                           job.job_name, job.number);
+    else if (!is_over(job.phase) && !job.reason.empty())
         text = fmt::format("{} #{} is {}{}", job.job_name, job.number, job.reason,
                            job.reason == protocol::no_worker_reason ? "; " + cure : "");
     if (text == text_)

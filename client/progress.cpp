@@ -38,6 +38,8 @@ double share_done(const protocol::JobState& s) {
     const double tiles = s.cell_count > 0 ? static_cast<double>(s.done_count) / s.cell_count : 0;
     if (s.phase == protocol::JobPhase::done)
         return 1;
+    if (s.done_count == 0 && s.in_flight_count == 0)
+        return 0; // its time passes, and nobody is at it
     // The last moments are the first pass's, if it takes longer than there was time.
     return std::clamp(seconds(s.elapsed) / seconds(s.settings.time_limit), tiles, 0.99);
 }

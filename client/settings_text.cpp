@@ -70,7 +70,8 @@ std::string settings_text(const Settings& s) {
     if (s.error > 0)
         text += fmt::format("error {} with at most {} samples, ", s.error, s.max_samples);
     else if (s.limited_in_time())
-        text += fmt::format("time limit {} s with at most {} samples, ", seconds(s.time_limit),
+        text += fmt::format("time limit {:.6g} s with at most {} samples, ",
+                            seconds(std::chrono::round<std::chrono::milliseconds>(s.time_limit)),
                             s.max_samples);
     else if (s.spp > 0)
         text += fmt::format("spp {}, ", s.spp);

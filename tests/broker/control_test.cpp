@@ -38,7 +38,10 @@ TEST_CASE("a paused job keeps what it has, takes what comes, and gets nothing ne
     const JobId job = farm.submit(1, 5);
     const auto tiles = farm.tiles("w");
     CHECK(control(farm, job, JobDeed::pause).phase == JobPhase::paused);
+    const std::size_t logged = farm.logs.size();
+    CHECK(farm.logs.back().text == "job #1 picture1 " + to_string(job) + " is paused");
     CHECK(control(farm, job, JobDeed::pause).phase == JobPhase::paused);
+    CHECK(farm.logs.size() == logged); // it was
     farm.render("w", tiles[0]);
     farm.fail("w", tiles[1], FailureCode::machine);
     CHECK(farm.tiles("w").empty());

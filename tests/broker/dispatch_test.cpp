@@ -2,6 +2,7 @@
 #include "tests/broker/machines.hpp"
 
 #include "common/protocol/limits.hpp"
+#include "common/protocol/reasons.hpp"
 #include "common/protocol/settings.hpp"
 
 namespace fraja::broker {
@@ -275,6 +276,26 @@ TEST_CASE("a job that suits nobody holds up no other, and goes on when somebody 
                                     "(fraja-worker --tag gpu starts one)");
     farm.worker_arrives("fast", 2, 1, 1, {"gpu=2"});
     REQUIRE(farm.tiles("fast").size() == 1);
+    CHECK(farm.state(job).reason.empty());
+}
+
+TEST_CASE("a job says that it gives way to others, or that nobody may be given tiles") {
+    Farm farm;
+    farm.worker_arrives("w", 1, 1, 1);
+    SubmitJob s = Farm::picture(1, 3);
+    s.priority = 5;
+    farm.submit("client", s);
+    const JobId job = farm.submit(2, 1);
+    CHECK(farm.state(job).reason.starts_with("waiting: jobs of a higher priority go first ("));
+    CHECK(farm.state(s.job).reason.empty());
+    for (int i = 0; i < 3; ++i)
+        farm.render("w", farm.tiles("w").at(0));
+    CHECK(farm.state(job).reason.empty());
+    farm.say("client", ControlWorker{"w", WorkerDeed::drain});
+    farm.fail("w", farm.tiles("w").at(0), FailureCode::cancelled);
+    CHECK(farm.state(job).reason.starts_with(std::string(no_worker_reasons) +
+                                             "that is connected may be given tiles: "));
+    farm.say("client", ControlWorker{"w", WorkerDeed::undrain});
     CHECK(farm.state(job).reason.empty());
 }
 

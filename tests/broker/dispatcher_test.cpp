@@ -172,6 +172,24 @@ TEST_CASE("jobs are found by id and prefix and name and number") {
     }
 }
 
+TEST_CASE("a number alone is a job's, unless an id begins so") {
+    Farm farm;
+    farm.submit(1, 1);
+    farm.submit(2, 1);
+    SubmitJob other = Farm::picture(3, 1);
+    other.job.bytes[0] = 0x23;
+    farm.submit("client", other);
+    farm.say("client", FindJob{"1"});
+    CHECK(farm.last<JobState>("client").number == 1);
+    farm.say("client", FindJob{"2"});
+    CHECK(farm.last<Refused>("client").reason == "'2' fits 2 jobs: give more of the id, or '#2'");
+    farm.say("client", FindJob{"23"});
+    CHECK(farm.last<JobState>("client").number == 3);
+    farm.forget("client");
+    farm.say("client", FindJob{"4"});
+    CHECK(farm.last<Refused>("client").code == RefusalCode::no_such_job);
+}
+
 TEST_CASE("cancelling stops the tiles in flight and leaves the other jobs alone") {
     Farm farm;
     farm.worker_arrives("w", 1, 2, 4);

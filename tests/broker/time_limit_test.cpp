@@ -89,6 +89,7 @@ TEST_CASE("a picture is whole: the first pass is done, however long it takes, an
         farm.beat("w", 1, {first}, 1 + static_cast<std::uint64_t>(i));
     }
     CHECK(farm.state(job).phase == JobPhase::running);
+    CHECK(farm.state(job).reason == "late: its time is up, and its first pass is not done yet");
     farm.render("w", first);
     CHECK(render_tiles(farm, 100).size() == 2);
     CHECK(farm.state(job).phase == JobPhase::done);

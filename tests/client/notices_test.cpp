@@ -77,6 +77,19 @@ TEST_CASE("why a job waits is said once, with the cure, and that it goes on") {
                             "fraja-test: a worker is here: cone #17 goes on\n");
 }
 
+TEST_CASE("that a job is paused is said, with what lets it go on, and that it does") {
+    Written written(options);
+    WaitNotice notice(written.console, ProgressMode::plain);
+    protocol::JobState paused = job("");
+    paused.phase = protocol::JobPhase::paused;
+    notice.update(start, paused, "do this");
+    (void)notice.tick(start + unsaid_max);
+    notice.update(start + 2s, job(""), "do this");
+    CHECK(written.text() ==
+          "fraja-test: cone #17 is paused (fraja-ctl resume '#17' lets it go on)\n"
+          "fraja-test: cone #17 goes on\n");
+}
+
 TEST_CASE("of a short wait, of a job that is over, and where none is wanted nothing is said") {
     Written written(options);
     WaitNotice notice(written.console, ProgressMode::plain);

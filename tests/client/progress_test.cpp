@@ -77,6 +77,10 @@ TEST_CASE("a job with a time limit is done by its time, or when there is nothing
     job.phase = protocol::JobPhase::running;
     job.elapsed = 5s;
     CHECK(share_done(job) == 0.5);
+    job.done_count = 0; // nobody has come to it
+    CHECK(share_done(job) == 0);
+    job.in_flight_count = 1;
+    CHECK(share_done(job) == 0.5);
     job.elapsed = 11s; // the first pass takes longer
     CHECK(share_done(job) == 0.99);
     job.elapsed = 1s, job.done_count = 1200; // there are not that many samples

@@ -277,6 +277,24 @@ TEST_CASE("USR1 writes the state to the log, as often as it is asked for") {
     CHECK(contains(farm.broker().err(), "job #1 picture " + id + ": "));
 }
 
+TEST_CASE("a broker that stops says what becomes of the jobs that are not over") {
+    const Scratch scratch;
+    struct Row {
+        std::string state;
+        const char* says;
+    };
+    for (const Row& row :
+         {Row{"none", "stopping: 1 job not over, which nobody keeps (--state)"},
+          Row{scratch.file("state"), "stopping: 1 job to go on with when it is started again"}}) {
+        Farm farm({"--state", row.state});
+        (void)farm.detach({scene("cone"), "-r", "20x15"});
+        farm.broker().send(SIGTERM);
+        REQUIRE(farm.broker().wait_for_exit(patience) == 0);
+        INFO(farm.broker().story());
+        CHECK(contains(farm.broker().err(), row.says));
+    }
+}
+
 TEST_CASE(
     "a broker that is hung up on reads its settings again, and keeps what it had of bad ones") {
     const Folder folder;
