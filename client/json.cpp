@@ -135,7 +135,7 @@ Json broker_object(const protocol::BrokerState& b) {
                      {"requeued", b.tiles_requeued},
                      {"overbooked", b.tiles_overbooked}};
     json["rays"] = b.rays.total();
-    json["render_time_s"] = seconds(b.render_time);
+    json["render_s"] = seconds(b.render_time);
     return json;
 }
 
@@ -179,11 +179,17 @@ std::string farm_json(const protocol::FarmState& farm) {
 }
 
 std::string progress_json(const ProgressView& v) {
-    Json json = {{"schema", "fraja.progress/1"}, {"name", v.job_name},
-                 {"number", v.number},           {"state", to_string(v.phase)},
-                 {"done_count", v.done_count},   {"cell_count", v.cell_count},
-                 {"share_done", v.share},        {"worker_count", v.worker_count},
-                 {"rays_per_s", v.rays_per_s},   {"elapsed_s", seconds(v.elapsed)}};
+    Json json = {{"schema", "fraja.progress/1"},
+                 {"job", fraja::to_string(v.job)},
+                 {"name", v.job_name},
+                 {"number", v.number},
+                 {"state", to_string(v.phase)},
+                 {"done_count", v.done_count},
+                 {"cell_count", v.cell_count},
+                 {"share_done", v.share},
+                 {"worker_count", v.worker_count},
+                 {"rays_per_s", v.rays_per_s},
+                 {"elapsed_s", seconds(v.elapsed)}};
     if (v.remaining)
         json["remaining_s"] = seconds(*v.remaining);
     json["connected"] = v.connected;
@@ -212,7 +218,8 @@ std::string submit_json(const SubmissionReport& r) {
         json["reason"] = r.outcome.reason;
     json["name"] = r.job_name;
     json["scene_file"] = r.scene_file;
-    json["scene"] = fraja::to_string(r.scene);
+    if (r.scene != ContentHash{}) // it was read
+        json["scene"] = fraja::to_string(r.scene);
     json["settings"] = settings_object(r.settings);
     if (!r.output.empty())
         json["output"] = r.output;

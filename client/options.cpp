@@ -58,7 +58,9 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->envname("FRAJA_CONNECT_TIMEOUT")
         ->capture_default_str()
         ->type_name("T");
-    app.add_option("--progress", progress_, "How progress is shown on stderr")
+    app.add_option(
+           "--progress", progress_,
+           "How progress is shown on stderr; json: all that is said there is an object on a line")
         ->envname("FRAJA_PROGRESS")
         ->capture_default_str()
         ->check(CLI::IsMember(progress_modes.list()))
@@ -90,7 +92,10 @@ Result<SharedOptions> SharedArguments::read() const {
                               ": a duration is written as 90, 90s, 5m or 1h30m");
     options.connect_timeout = *timeout;
     options.progress = progress_modes.of(progress_);
-    options.console = {program_, log_.least(), log_.as_json(), log_.color_choice()};
+    // Whoever reads the progress by program reads every line there.
+    options.console = {program_, log_.least(),
+                       log_.as_json() || options.progress == ProgressMode::json,
+                       log_.color_choice()};
     options.json = json_;
     return options;
 }

@@ -91,8 +91,9 @@ std::optional<Estimate> Picture::estimate() const {
 }
 
 Result<void> Picture::write(const std::filesystem::path& path, const protocol::JobState& job,
-                            const PictureEncoding& encoding) const {
-    std::vector<PictureAttribute> more = picture_attributes(job);
+                            const PictureEncoding& encoding,
+                            const std::string& more_options) const {
+    std::vector<PictureAttribute> more = picture_attributes(job, more_options);
     if (passes_)
         more.push_back({"fraja:passes", std::to_string(passes_->passes_done())});
     if (const auto estimated = estimate())

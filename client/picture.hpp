@@ -39,10 +39,12 @@ public:
     /// Nothing where the settings do not ask for it, or pixels are missing.
     [[nodiscard]] std::optional<Estimate> estimate() const;
 
-    /// Writes what is there of `job`, which the picture is of. Errors: as write_picture().
+    /// Writes what is there of `job`, which the picture is of; `more_options` make it again beside
+    /// the job's settings. Errors: as write_picture().
     [[nodiscard]] Result<void> write(const std::filesystem::path& path,
                                      const protocol::JobState& job,
-                                     const PictureEncoding& encoding = {}) const;
+                                     const PictureEncoding& encoding = {},
+                                     const std::string& more_options = {}) const;
 
 private:
     protocol::PictureSettings settings_;

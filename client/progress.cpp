@@ -89,6 +89,7 @@ double RateMeter::mean_rays_per_s() const {
 }
 
 void ProgressMeter::update(const protocol::JobState& s) {
+    view_.job = s.job;
     view_.job_name = s.job_name;
     view_.number = s.number;
     view_.phase = s.phase;

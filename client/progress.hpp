@@ -13,6 +13,7 @@
 namespace fraja::client {
 
 struct ProgressView {
+    JobId job;
     std::string job_name;
     std::uint32_t number = 0;
     protocol::JobPhase phase{};

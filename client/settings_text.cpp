@@ -1,5 +1,6 @@
 #include "client/settings_text.hpp"
 
+#include "client/progress.hpp"
 #include "common/base/version.hpp"
 
 #include <chrono>
@@ -104,7 +105,8 @@ std::string settings_options(const Settings& s) {
     return text + (s.exact ? " --exact" : "") + (s.layers ? " --layers" : "");
 }
 
-std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job) {
+std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job,
+                                                 const std::string& more_options) {
     const Settings& s = job.settings;
     std::vector<PictureAttribute> attributes = {
         {"Software", build_line("Fraja")},
@@ -122,7 +124,11 @@ std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job) 
         {"fraja:kernel", to_string(s.kernel)}};
     const bool with_account = std::getenv("SOURCE_DATE_EPOCH") == nullptr;
     if (with_account || !s.limited_in_time()) // the passes done decide, not the time there was
-        attributes.push_back({"fraja:options", settings_options(s)});
+        attributes.push_back({"fraja:options", settings_options(s) + more_options});
+    if (job.film != FilmId{})
+        attributes.push_back({"fraja:frame", std::to_string(job.frame)});
+    if (job.phase != protocol::JobPhase::done)
+        attributes.push_back({"fraja:unfinished", fmt::format("{:.4f} of it", share_done(job))});
     if (with_account)
         add_account(job, attributes);
     return attributes;

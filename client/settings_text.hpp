@@ -16,9 +16,11 @@ namespace fraja::client {
 /// The same, and the size, as fraja-submit takes it: "-r 640x480 -d 5 -a 4".
 [[nodiscard]] std::string settings_options(const protocol::PictureSettings& settings);
 
-/// What it takes to make a job's picture again, and what making it took: rays, times, and when.
+/// What it takes to make a job's picture again, `more_options` beside its settings, and what making
+/// it took: rays, times, and when; and of one that is not done how far it is.
 /// Where SOURCE_DATE_EPOCH is set in the environment only what decides the pixels, so that two
 /// renders of one picture give the same file.
-[[nodiscard]] std::vector<PictureAttribute> picture_attributes(const protocol::JobState& job);
+[[nodiscard]] std::vector<PictureAttribute>
+picture_attributes(const protocol::JobState& job, const std::string& more_options = {});
 
 } // namespace fraja::client

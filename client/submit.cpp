@@ -82,9 +82,9 @@ private:
         if (job_)
             console_.warning("the broker had lost the job: submitted again");
         else if (!options_.own_farm() && !options_.detach)
-            console_.info(fmt::format("{} #{}: job {} at {}", news.state.job_name,
-                                      news.state.number, fraja::to_string(news.state.job),
-                                      broker_));
+            tell(console_, mode_, "accepted",
+                 fmt::format("{} #{}: job {} at {}", news.state.job_name, news.state.number,
+                             fraja::to_string(news.state.job), broker_));
         if (options_.resume && !job_)
             tell_resumed(console_, mode_, news.state, submitted_);
         job_ = news.state;

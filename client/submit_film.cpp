@@ -297,8 +297,10 @@ private:
         Outcome outcome = run_submission(context_, std::move(request), listener, nullptr);
         if (outcome.code != ExitCode::done)
             return outcome;
-        if (const auto written =
-                listener.picture()->write(state.output, *state.job, options_.encoding);
+        if (const auto written = listener.picture()->write(
+                state.output, *state.job, options_.encoding,
+                fmt::format(" --travel {} --frames {}-{}", options_.travel_file, state.number,
+                            state.number));
             !written)
             return {ExitCode::job_failed, written.error().message};
         return outcome;

@@ -162,7 +162,8 @@ private:
             print(job_json(state));
         else
             console_.info(fmt::format(
-                "{} #{} is {}{}", state.job_name, state.number, to_string(state.phase),
+                "{} #{} {}{}{}", state.job_name, state.number,
+                state.phase == protocol::JobPhase::failed ? "" : "is ", to_string(state.phase),
                 is_over(state.phase) && !state.reason.empty() ? ": " + state.reason : ""));
     }
     void fail(const Error& error) {

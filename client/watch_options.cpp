@@ -87,6 +87,7 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
     cli::Origins origins({{"--serve", "--output"},
                           {"--serve", "--until"},
                           {"--serve", "--once"},
+                          {"--serve", "--tev"},
                           {"--serve", "--json"}});
     const auto mistake = [&](const std::string& text) {
         return cli::usage_error(watch_name, origins.blame(text));
@@ -110,9 +111,10 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         options.preview != PreviewMode::none)
         return mistake("--preview needs a JOB");
     if (serves->count() > 0) {
-        if (!options.output.empty() || !until.empty() || options.until.once || options.shared.json)
+        if (!options.output.empty() || !until.empty() || options.until.once ||
+            options.shared.json || options.tev)
             return mistake("--serve shows all there is in a browser: it goes with "
-                           "no --output, --until, --once or --json");
+                           "no --output, --until, --once, --tev or --json");
         options.serve = std::move(serve);
     } else if (serve.allow_control) {
         return mistake("--allow-control needs --serve");
@@ -123,6 +125,10 @@ Parsed<WatchOptions> parse_watch_options(std::vector<std::string> arguments) {
         return mistake(good.error().message);
     if (options.job && options.job->size() > protocol::string_bytes_max)
         return mistake("that is no JOB: it is too long");
+    if (options.output.empty())
+        for (const char* option : {"--half", "--transfer"})
+            if (origins.is_typed(option))
+                return mistake(std::string(option) + " is for the file that --output names");
     const auto how = encoding.read(options.output, origins);
     if (!how)
         return mistake(how.error().message);

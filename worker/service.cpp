@@ -95,7 +95,7 @@ void Service::look_at(const Load& load) {
     if (verdict_ == Duty::Verdict::go_on)
         return;
     leave(verdict_ == Duty::Verdict::enough
-              ? "has served enough"
+              ? "has served enough (--once, --idle-exit)"
               : fmt::format("has grown to {} MiB: leaves to be started again", resident >> 20));
 }
 

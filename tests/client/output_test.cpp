@@ -56,6 +56,22 @@ std::string attribute_of(const protocol::JobState& state, const char* name) {
 
 } // namespace
 
+TEST_CASE("a file tells the frame that it is, and how much is missing while it is not done") {
+    protocol::JobState state = job();
+    CHECK(attribute_of(state, "fraja:unfinished") == "0.6300 of it");
+    CHECK(attribute_of(state, "fraja:frame") == "missing");
+    state.phase = protocol::JobPhase::done;
+    state.film.bytes[0] = 1;
+    state.frame = 7;
+    CHECK(attribute_of(state, "fraja:unfinished") == "missing");
+    CHECK(attribute_of(state, "fraja:frame") == "7");
+    const auto attributes = picture_attributes(state, " --frames 7-7");
+    const auto options =
+        std::ranges::find(attributes, std::string("fraja:options"), &PictureAttribute::name);
+    REQUIRE(options != attributes.end());
+    CHECK(options->value.ends_with(" --frames 7-7"));
+}
+
 TEST_CASE("a tile's JSON has the fields of the manual and no other") {
     CHECK(tile_json(tile()) ==
           R"({"schema":"fraja.tile/1","job":"01020000-0000-0000-0000-000000000000","frame":0,)"

@@ -26,7 +26,8 @@ protocol::JobState running(Duration elapsed, std::uint32_t done, std::uint64_t r
 } // namespace
 
 TEST_CASE("the progress line is the one of the manual") {
-    const ProgressView view{.job_name = "cone",
+    const ProgressView view{.job = {},
+                            .job_name = "cone",
                             .number = 17,
                             .phase = protocol::JobPhase::running,
                             .done_count = 63,
@@ -40,7 +41,8 @@ TEST_CASE("the progress line is the one of the manual") {
 }
 
 TEST_CASE("the progress line says what is waited for") {
-    ProgressView view{.job_name = "cone",
+    ProgressView view{.job = {},
+                      .job_name = "cone",
                       .number = 1,
                       .phase = protocol::JobPhase::queued,
                       .cell_count = 9,

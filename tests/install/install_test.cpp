@@ -99,8 +99,14 @@ TEST_CASE("a manual page has every option that --help has, and groff nothing to 
         done({"sh", "-c",
               "zcat " FRAJA_BUILD_DIR "/man/fraja.7.gz | groff -t -ww -man -Tascii -P-cbou"});
     CHECK(overview.err.empty());
-    for (const char* words : {"EXIT STATUS", "FRAJA_BROKER", "143", "JOBS AND WORKERS"})
+    for (const char* words : {"EXIT STATUS", "FRAJA_BROKER", "143", "JOBS AND WORKERS",
+                              "fraja-broker &\n", "fraja-submit scene.raj -o picture.png\n"})
         CHECK(contains(overview.out, words));
+    const RunResult ctl =
+        done({"sh", "-c",
+              "zcat " FRAJA_BUILD_DIR "/man/fraja-ctl.1.gz | groff -t -man -Tascii -P-cbou"});
+    CHECK(contains(ctl.out, " . <(fraja-ctl completion bash)\n")); // as it is typed
+    CHECK(contains(ctl.out, " >> ~/.bash_completion\n"));
 }
 
 TEST_CASE("three Debian packages hold one program each, or the clients, and no pictures' library "
