@@ -56,11 +56,7 @@ public:
             return Outcome{ExitCode::job_failed, *std::move(fault)};
         if (!gave_up_)
             return std::nullopt;
-        return Outcome{ExitCode::unreachable,
-                       "no worker takes tiles at " + comma_list(options_.direct) +
-                           ": none listens there, or all serve somebody else" +
-                           (options_.wishes.tags.empty() ? "" : ", or none has the tags") +
-                           " (--connect-timeout says how long to wait for the first)"};
+        return Outcome{ExitCode::unreachable, why_no_worker(options_)};
     }
     void finish(Instant now) {
         if (picture_)

@@ -211,8 +211,9 @@ private:
 
     Outcome render() {
         session_ = session_options(options_.shared);
-        if (options_.local) {
-            auto started = LocalFarm::start(context_, options_.local_threads);
+        if (options_.own_farm()) {
+            auto started = options_.local ? LocalFarm::start(context_, options_.local_threads)
+                                          : LocalFarm::call(context_, options_.direct);
             if (!started)
                 return {ExitCode::usage, said(started.error().message)};
             farm_ = *std::move(started);
@@ -220,6 +221,10 @@ private:
             session_.connect_timeout = LocalFarm::answers_within;
         }
         search_.emplace(console_, mode_, session_.brokers, net::now());
+        AnswerNotice answer(console_, options_.direct, net::now());
+        const Instant gives_up_at = options_.direct.empty()
+                                        ? Instant::never()
+                                        : net::now() + options_.shared.connect_timeout;
         const Instant times_out =
             options_.timeout ? net::now() + *options_.timeout : Instant::never();
         std::optional<Outcome> leaving;
@@ -242,10 +247,13 @@ private:
                 search_->end();
                 show_progress();
             }
+            (void)answer.tick(net::now());
             if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
                 leaving = outcome_of(*signal);
             else if (net::now() >= times_out)
                 leaving = Outcome{ExitCode::timed_out, "the time is up"};
+            else if (!worker_seen_ && net::now() >= gives_up_at)
+                leaving = Outcome{ExitCode::unreachable, why_no_worker(options_)};
             else if (auto fault = farm_ ? farm_->fault() : std::nullopt)
                 leaving = Outcome{ExitCode::job_failed, *std::move(fault)};
         }
@@ -320,9 +328,12 @@ private:
         std::vector<std::size_t> over;
         {
             const std::lock_guard lock(shared_.mutex);
-            if (!running_.empty() && !farm_)
+            if (!running_.empty() && !options_.local) // whose worker is on its way
                 if (const auto& job = running_.begin()->second.state->job)
-                    wait_.update(net::now(), *job, worker_cure(broker_));
+                    wait_.update(net::now(), *job,
+                                 options_.direct.empty()
+                                     ? worker_cure(broker_)
+                                     : "none answers yet at " + comma_list(options_.direct));
             for (const auto& [index, one] : running_) {
                 const bool failed =
                     one.state->outcome && one.state->outcome->code != ExitCode::done;
@@ -331,6 +342,8 @@ private:
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
                 accepted_ = accepted_ || one.state->job;
+                if (const auto& job = one.state->job)
+                    worker_seen_ = worker_seen_ || job->worker_count > 0 || job->done_count > 0;
                 const auto& accepted = one.state->accepted;
                 if (accepted && accepted->job != one.state->submitted &&
                     !std::exchange(one.state->told_resumed, true))
@@ -472,7 +485,7 @@ private:
         console_.line(fmt::format("fraja-submit: {}; of {} {} written, {} not begun: {}",
                                   outcome.reason, counted(waiting_.size(), "frame"), done_,
                                   waiting_.size() - begun, way_on()));
-        if (options_.local || going_on == 0)
+        if (options_.own_farm() || going_on == 0)
             return;
         console_.line(fmt::format("  going on:     {}\n"
                                   "  watch them:   fraja-watch -b {}\n"
@@ -508,7 +521,8 @@ private:
     std::optional<Outcome> gives_up_; ///< why no more frames are submitted
     std::string broker_;
     bool connected_ = true;
-    bool accepted_ = false; ///< one frame was, at least
+    bool accepted_ = false;    ///< one frame was, at least
+    bool worker_seen_ = false; ///< that draws one
 
     struct Running {
         std::unique_ptr<FrameState> state;

@@ -494,6 +494,13 @@ std::string broker_text(const SubmitOptions& options) {
                                     : "none: workers at " + comma_list(options.direct);
 }
 
+std::string why_no_worker(const SubmitOptions& options) {
+    return "no worker takes tiles at " + comma_list(options.direct) +
+           ": none listens there, or all serve somebody else" +
+           (options.wishes.tags.empty() ? "" : ", or none has the tags") +
+           " (--connect-timeout says how long to wait for the first)";
+}
+
 protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,
                             const ContentHash& scene, std::uint64_t scene_bytes) {
     return {.job = random_id<JobId>(),

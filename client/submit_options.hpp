@@ -49,6 +49,9 @@ struct SubmitOptions {
 /// For people: who would be asked, or who draws without a broker.
 [[nodiscard]] std::string broker_text(const SubmitOptions& options);
 
+/// Why a job with --direct is given up, for people.
+[[nodiscard]] std::string why_no_worker(const SubmitOptions& options);
+
 /// What is wanted, as a new job.
 [[nodiscard]] protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,
                                           const ContentHash& scene, std::uint64_t scene_bytes);
