@@ -328,8 +328,10 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
         std::fflush(stdout);
         if (pages)
             tell("metrics and health are shown at " + to_string(pages->address()));
-        tell(options.state.empty() ? "jobs are kept in memory only: they end with this process"
-                                   : "jobs are kept in " + options.state.string());
+        tell(options.state.empty()
+                 ? "jobs are kept in memory only: they end with this process"
+                 : "jobs are kept in " + options.state.string() + ", for " +
+                       duration_in_words(options.limits.keep) + " after they end");
     };
     options.on_report = [&, told = std::string()](const broker::Report& report) mutable {
         board.post(report);

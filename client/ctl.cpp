@@ -120,7 +120,7 @@ private:
         return outcome;
     }
 
-    /// The worst that was found: a broker that cannot be used, then what is wrong here.
+    /// The worst that was found: no broker, one that cannot be used, then what is wrong here.
     Outcome perform(const Examine& command) {
         const auto here = examine_machine(command.refused_over);
         const auto there = examine_brokers(options_.shared, signals_);
@@ -133,9 +133,11 @@ private:
         const auto any_bad = [](const std::vector<Finding>& findings) {
             return std::ranges::count(findings, Finding::Grade::bad, &Finding::grade) > 0;
         };
-        return {any_bad(there)  ? ExitCode::unreachable
-                : any_bad(here) ? ExitCode::usage
-                                : ExitCode::done,
+        const bool reached = std::ranges::count(there, true, &Finding::no_broker) == 0;
+        return {!reached         ? ExitCode::unreachable
+                : any_bad(there) ? ExitCode::job_failed
+                : any_bad(here)  ? ExitCode::usage
+                                 : ExitCode::done,
                 {}};
     }
 

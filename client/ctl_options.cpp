@@ -99,6 +99,11 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
     if (!read)
         return cli::usage_error(ctl_name, origins.blame(read.error().message));
     options.shared = *std::move(read);
+    if (const CLI::App* const sub = app.get_subcommands().front();
+        (job.empty() && sub->get_option_no_throw("job")) ||
+        (worker.empty() && sub->get_option_no_throw("worker")))
+        return cli::usage_error(ctl_name, sub->get_name() + " '': empty, and a name is needed; "
+                                                            "is a variable not set?");
     if (job.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)

@@ -155,15 +155,16 @@ Finding examine_way(const std::string& broker, const net::Endpoint& endpoint) {
     if (took)
         return {good, broker, fmt::format("reached in {:.1f} ms", 1000 * seconds(*took)), {}};
     if (took.error().code == ErrorCode::not_found)
-        return {bad, broker, took.error().message,
-                "look for a typing error; ping " + endpoint.host};
+        return {bad, broker, took.error().message, "look for a typing error; ping " + endpoint.host,
+                true};
     const bool here = net::is_loopback(endpoint);
     return {bad, broker, took.error().message,
             here ? "start one: fraja-broker" +
                        std::string(endpoint.port == net::broker_port ? "" : " --bind " + broker)
                  : "is fraja-broker running there, with --bind tcp://*:" +
                        std::to_string(endpoint.port) +
-                       " --insecure? does a firewall close the port?"};
+                       " --insecure? does a firewall close the port?",
+            true};
 }
 
 std::vector<Finding> examine_broker(const std::string& broker, const SharedOptions& shared,
@@ -195,7 +196,7 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
         findings.push_back({bad, broker,
                             "something listens there, and does not answer as a "
                             "fraja-broker does",
-                            "look which port the broker printed when it started"});
+                            "look which port the broker printed when it started", true});
     else if (!patient.farm)
         findings.push_back({bad, "stream",
                             "the broker answers, and its stream at " + patient.stream + " does not",

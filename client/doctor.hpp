@@ -20,7 +20,8 @@ struct Finding {
     };
     Grade grade{};
     std::string subject, text;
-    std::string cure; ///< what to do; empty where nothing need be done
+    std::string cure;       ///< what to do; empty where nothing need be done
+    bool no_broker = false; ///< none was reached there
     friend bool operator==(const Finding&, const Finding&) = default;
 };
 

@@ -8,6 +8,7 @@
 namespace fraja::client {
 namespace {
 
+constexpr std::size_t runs_told_max = 8;
 constexpr std::size_t width_digits_max = 1; // %09d is the widest
 
 std::optional<std::uint32_t> number_of(std::string_view text) {
@@ -75,6 +76,25 @@ std::string frame_file(std::string_view pattern, std::uint32_t frame) {
         number.insert(0, place->digits - number.size(), '0');
     return std::string(pattern.substr(0, place->begin)) + number +
            std::string(pattern.substr(place->end));
+}
+
+std::string runs_of(std::span<const std::string> files) {
+    std::string text;
+    std::size_t runs = 0, untold = 0;
+    for (std::size_t begin = 0, end = 0; begin < files.size(); begin = end + 1) {
+        for (end = begin; end < files.size() && !files[end].empty();)
+            ++end;
+        if (end == begin)
+            continue;
+        if (++runs > runs_told_max) {
+            untold += end - begin;
+            continue;
+        }
+        text += (text.empty() ? "" : ", ") + files[begin];
+        if (end - begin > 1)
+            text += (end - begin > 2 ? " ... " : ", ") + files[end - 1];
+    }
+    return text + (untold > 0 ? " and " + std::to_string(untold) + " more" : "");
 }
 
 std::uint32_t frames_at_a_time(const protocol::PictureSettings& settings) {

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -26,6 +27,10 @@ struct FrameRange {
 [[nodiscard]] Result<void> check_frame_pattern(std::string_view pattern);
 /// Of a pattern that is good.
 [[nodiscard]] std::string frame_file(std::string_view pattern, std::uint32_t frame);
+
+/// "01.png ... 03.png, 05.png": the files of frames in their order, where an empty one is missing.
+/// Of many runs the first few, and how many files the others have.
+[[nodiscard]] std::string runs_of(std::span<const std::string> files);
 
 inline constexpr std::uint32_t frames_at_a_time_max = 64;
 /// Of the pictures that are held meanwhile.

@@ -256,6 +256,8 @@ std::string film_json(const FilmReport& r) {
     json["scene_file"] = r.scene_file;
     json["travel_file"] = r.travel_file;
     json["settings"] = settings_object(r.settings);
+    if (r.broker)
+        json["broker"] = r.broker->empty() ? Json() : Json(*r.broker);
     Json frames = Json::array();
     for (const FilmReport::Frame& frame : r.frames) {
         Json one = {{"frame", frame.number}, {"state", frame.state}};

@@ -70,6 +70,7 @@ struct FilmReport {
     std::string job_name, scene_file, travel_file;
     protocol::PictureSettings settings;
     std::vector<Frame> frames;
+    std::optional<std::string> broker; ///< as of a picture
     std::chrono::system_clock::time_point started, finished;
 };
 /// fraja.film/1

@@ -11,6 +11,16 @@
 #include <utility>
 
 namespace fraja::client {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Duration look_pause = 50ms; // whether it is known what hinders
+/// For that the notice waits: so long a connection may take to fail.
+constexpr Duration hindrance_wait_max = 1500ms;
+constexpr std::size_t unanswered_told_max = 8;
+
+} // namespace
 
 void tell(Console& console, ProgressMode mode, std::string_view event, const std::string& text) {
     if (mode == ProgressMode::json)
@@ -19,10 +29,9 @@ void tell(Console& console, ProgressMode mode, std::string_view event, const std
         console.info(text);
 }
 
-SearchNotice::SearchNotice(Console& console, ProgressMode mode,
-                           const std::vector<std::string>& brokers, Instant now)
-    : console_(console), mode_(mode),
-      text_("looking for a broker at " + comma_list(brokers) + " ..."),
+SearchNotice::SearchNotice(Console& console, ProgressMode mode, std::vector<std::string> brokers,
+                           Instant now)
+    : console_(console), mode_(mode), brokers_(std::move(brokers)),
       due_(mode == ProgressMode::none ? Instant::never() : now + unsaid_max) {
     FRAJA_ASSERT(mode != ProgressMode::automatic);
 }
@@ -30,19 +39,61 @@ SearchNotice::SearchNotice(Console& console, ProgressMode mode,
 Instant SearchNotice::tick(Instant now) {
     if (now < due_)
         return due_;
+    if (!reaching_) {
+        reaching_ = std::make_unique<Reaching>(brokers_);
+        said_by_ = now + hindrance_wait_max;
+    }
+    const auto hindrances = reaching_->hindrances();
+    if (!hindrances && now < said_by_)
+        return due_ = std::min(now + look_pause, said_by_);
     due_ = Instant::never();
+    say(hindrances.value_or(std::vector<std::string>(brokers_.size())));
+    return due_;
+}
+
+void SearchNotice::say(const std::vector<std::string>& hindrances) {
+    std::string where;
+    for (std::size_t i = 0; i < brokers_.size(); ++i)
+        where += (i == 0 ? "" : ", ") + brokers_[i] +
+                 (hindrances[i].empty() ? "" : " (" + hindrances[i] + ")");
+    const std::string text = "looking for a broker at " + where + " ...";
     drawn_ = mode_ == ProgressMode::bar;
     if (drawn_)
-        console_.redraw(printable(text_));
+        console_.redraw(printable(text));
     else
-        tell(console_, mode_, "looking_for_broker", text_);
-    return due_;
+        tell(console_, mode_, "looking_for_broker", text);
 }
 
 void SearchNotice::end() {
     due_ = Instant::never();
+    reaching_.reset();
     if (std::exchange(drawn_, false))
         console_.redraw("");
+}
+
+AnswerNotice::AnswerNotice(Console& console, std::vector<std::string> workers, Instant now)
+    : console_(console), workers_(std::move(workers)),
+      due_(workers_.empty() ? Instant::never() : now + unanswered_max) {}
+
+Instant AnswerNotice::tick(Instant now) {
+    if (now < due_)
+        return due_;
+    if (!reaching_)
+        reaching_ = std::make_unique<Reaching>(workers_);
+    const auto hindrances = reaching_->hindrances();
+    if (!hindrances)
+        return due_ = now + look_pause;
+    due_ = Instant::never();
+    std::string where;
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < workers_.size(); ++i)
+        if (!(*hindrances)[i].empty() && ++count <= unanswered_told_max)
+            where += (where.empty() ? "" : ", ") + workers_[i] + " (" + (*hindrances)[i] + ")";
+    if (count > unanswered_told_max)
+        where += fmt::format(" and {} more", count - unanswered_told_max);
+    if (count > 0)
+        console_.warning("no answer yet from " + where);
+    return due_;
 }
 
 void WaitNotice::update(Instant now, const protocol::JobState& job, const std::string& cure) {

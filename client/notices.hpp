@@ -3,9 +3,11 @@
 
 #include "client/console.hpp"
 #include "client/options.hpp"
+#include "client/reaching.hpp"
 #include "client/shell.hpp"
 #include "common/protocol/messages.hpp"
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -13,6 +15,8 @@
 
 namespace fraja::client {
 
+/// Who has not answered by then is told.
+inline constexpr Duration unanswered_max = std::chrono::seconds(2);
 /// What takes no longer is not worth a word.
 inline constexpr Duration unsaid_max = std::chrono::seconds(1);
 
@@ -23,19 +27,37 @@ void tell(Console& console, ProgressMode mode, std::string_view event, const std
 /// none not at all. `mode` must not be automatic; the console must outlive this.
 class SearchNotice {
 public:
-    SearchNotice(Console& console, ProgressMode mode, const std::vector<std::string>& brokers,
+    SearchNotice(Console& console, ProgressMode mode, std::vector<std::string> brokers,
                  Instant now);
-    /// Says it if that is due. Returns when it wants to be called next.
+    /// Says it if that is due, and what hinders where that is known by then. Returns when it wants
+    /// to be called next.
     Instant tick(Instant now);
     /// It was found, or nobody looks any more: the redrawn line is clear again.
     void end();
 
 private:
+    void say(const std::vector<std::string>& hindrances);
+
     Console& console_;
     ProgressMode mode_;
-    std::string text_;
-    Instant due_;
+    std::vector<std::string> brokers_;
+    Instant due_, said_by_ = Instant::never();
+    std::unique_ptr<Reaching> reaching_; ///< from when it is due until it is said
     bool drawn_ = false;
+};
+
+/// Says, once, which of the workers that --direct names nobody answers at.
+class AnswerNotice {
+public:
+    AnswerNotice(Console& console, std::vector<std::string> workers, Instant now);
+    /// Says it if that is due. Returns when it wants to be called next.
+    Instant tick(Instant now);
+
+private:
+    Console& console_;
+    std::vector<std::string> workers_;
+    Instant due_;
+    std::unique_ptr<Reaching> reaching_;
 };
 
 /// Says why a job waits, and that it goes on; with --progress none nothing. `mode` and `console` as

@@ -66,7 +66,9 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->check(CLI::IsMember(progress_modes.list()))
         ->type_name("MODE");
     service::add_log_options(app, log_);
-    app.add_flag("--json", json_, "Print the result as JSON");
+    app.add_flag(
+        "--json", json_,
+        "Print the result as JSON; what goes wrong is told by the exit code and on stderr");
 }
 
 Result<SharedOptions> SharedArguments::read() const {

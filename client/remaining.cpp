@@ -8,6 +8,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
+constexpr Duration first_moment = 1s;   // the pace of the first tiles may be anything
 constexpr Duration standing_still = 3s; // then nobody knows when it goes on
 
 /// Over so long the pace is smoothed: tiles come and go, and other jobs have their turns.
@@ -18,7 +19,10 @@ Duration smoothing(Duration elapsed) {
 } // namespace
 
 void Remaining::update(Duration elapsed, double share, double share_per_s) {
+    elapsed_ = elapsed;
     share_ = share;
+    if (share <= 0 && share_per_s <= 0)
+        begun_at_ = elapsed;
     if (share_per_s <= 0) {
         if (elapsed - paced_at_ > standing_still)
             pace_ = 0;
@@ -32,7 +36,7 @@ void Remaining::update(Duration elapsed, double share, double share_per_s) {
 }
 
 std::optional<Duration> Remaining::left() const {
-    if (pace_ <= 0)
+    if (pace_ <= 0 || elapsed_ - begun_at_ < first_moment)
         return std::nullopt;
     return from_seconds((1 - share_) / pace_);
 }

@@ -14,10 +14,13 @@ public:
     /// `share` of the job is done, 0 to 1, at `elapsed`, which grows; and so much more of it each
     /// second, 0 where that is not known. Forget an earlier job by another Remaining.
     void update(Duration elapsed, double share, double share_per_s);
-    /// Nothing as long as nothing can be said; nor of a job that has stood still for a while.
+    /// Nothing as long as nothing can be said, as of a job that has been drawn for less than a
+    /// second; nor of one that has stood still for a while.
     [[nodiscard]] std::optional<Duration> left() const;
 
 private:
+    Duration elapsed_{};
+    Duration begun_at_{}; ///< until then nothing was drawn
     Duration paced_at_{}; ///< when there was a pace
     double share_ = 0;
     double pace_ = 0; ///< share per second, smoothed; 0: not known

@@ -29,7 +29,7 @@ Result<Bytes> read_bytes(const std::filesystem::path& path, std::uint64_t bytes_
                                                     "scenes/cone.raj"};
     std::ifstream file(path, std::ios::binary);
     if (!file && errno == ENOENT)
-        return Error{ErrorCode::io, missing_file(path)};
+        return Error{ErrorCode::io, missing_file(path, ".raj")};
     if (!file)
         return Error{ErrorCode::io, path.string() + ": " + std::strerror(errno)};
     Bytes bytes;

@@ -66,6 +66,10 @@ std::string to_string(protocol::PixelFilter filter) {
     return "unknown";
 }
 
+std::string extent_text(const Settings& s) {
+    return size_text(s) + (is_cropped(s) ? ", of it " + crop_text(s) : "");
+}
+
 std::string settings_text(const Settings& s) {
     std::string text = fmt::format("depth {}, ", s.depth);
     if (s.error > 0)

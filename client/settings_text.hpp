@@ -11,6 +11,8 @@ namespace fraja::client {
 
 [[nodiscard]] std::string to_string(protocol::KernelChoice kernel);
 [[nodiscard]] std::string to_string(protocol::PixelFilter filter);
+/// For people: "640x480", or "640x480, of it 0,0,32,32".
+[[nodiscard]] std::string extent_text(const protocol::PictureSettings& settings);
 /// For people: what decides the pixels beside scene and size.
 [[nodiscard]] std::string settings_text(const protocol::PictureSettings& settings);
 /// The same, and the size, as fraja-submit takes it: "-r 640x480 -d 5 -a 4".

@@ -22,7 +22,8 @@ constexpr Duration farewell_max = 200ms; // for a Goodbye to leave
 /// The two sockets, and what is done with them.
 class Port {
 public:
-    explicit Port(const net::Context& context) : context_(context) {}
+    /// `has_job`: it could be drawn here.
+    Port(const net::Context& context, bool has_job) : context_(context), has_job_(has_job) {}
 
     void perform(const Connect& action) {
         dealer_.reset();
@@ -55,9 +56,8 @@ public:
     [[nodiscard]] std::string why_unreachable() const {
         const std::string why = net::why_silent(reached_);
         return why.empty() ? why
-                           : ": " + why +
-                                 " (fraja-broker starts one, -b HOST:PORT names another; "
-                                 "fraja-submit --local does without)";
+                           : ": " + why + " (fraja-broker starts one, -b HOST:PORT names another" +
+                                 (has_job_ ? "; fraja-submit --local does without)" : ")");
     }
     [[nodiscard]] bool take_not_sent() { return std::exchange(not_sent_, false); }
 
@@ -103,6 +103,7 @@ private:
     }
 
     const net::Context& context_;
+    bool has_job_;
     std::string reached_;
     std::optional<net::DealerSocket> dealer_;
     std::optional<net::SubscriberSocket> stream_;
@@ -111,8 +112,8 @@ private:
 
 class Conversation {
 public:
-    Conversation(const net::Context& context, Core& core, Listener& listener)
-        : core_(core), listener_(listener), port_(context) {}
+    Conversation(const net::Context& context, Core& core, Listener& listener, bool has_job)
+        : core_(core), listener_(listener), port_(context, has_job) {}
 
     Outcome hold(const net::SignalWatch* signals) {
         core_.start(net::now(), actions_);
@@ -210,13 +211,13 @@ Outcome outcome_of(int signal) {
 
 Outcome converse(const net::Context& context, Core& core, Listener& listener,
                  const net::SignalWatch* signals) {
-    return Conversation(context, core, listener).hold(signals);
+    return Conversation(context, core, listener, false).hold(signals);
 }
 
 Outcome run_submission(const net::Context& context, SubmissionRequest request, Listener& listener,
                        const net::SignalWatch* signals) {
     Submission submission(std::move(request), fresh_rng());
-    return converse(context, submission, listener, signals);
+    return Conversation(context, submission, listener, true).hold(signals);
 }
 
 } // namespace fraja::client

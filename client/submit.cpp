@@ -37,6 +37,7 @@ public:
                                 : LivePreview::chosen(options.preview, console)),
           mode_(ProgressReport::chosen(options.shared.progress, console)),
           progress_(console, mode_, net::now()), wait_(console, mode_),
+          answer_(console, options.direct, net::now()),
           give_up_at_(net::now() + options.shared.connect_timeout) {}
 
     void hear(Instant now, const News& news) override {
@@ -44,7 +45,7 @@ public:
     }
     Instant tick(Instant now) override {
         const Instant redraw =
-            std::min({wait_.tick(now), progress_.tick(now),
+            std::min({wait_.tick(now), progress_.tick(now), answer_.tick(now),
                       picture_ ? preview_.tick(now, picture_->film()) : Instant::never()});
         gave_up_ = waits_for_workers() && now >= give_up_at_;
         return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
@@ -55,11 +56,7 @@ public:
             return Outcome{ExitCode::job_failed, *std::move(fault)};
         if (!gave_up_)
             return std::nullopt;
-        return Outcome{ExitCode::unreachable,
-                       "no worker takes tiles at " + comma_list(options_.direct) +
-                           ": none listens there, or all serve somebody else" +
-                           (options_.wishes.tags.empty() ? "" : ", or none has the tags") +
-                           " (--connect-timeout says how long to wait for the first)"};
+        return Outcome{ExitCode::unreachable, why_no_worker(options_)};
     }
     void finish(Instant now) {
         if (picture_)
@@ -134,6 +131,7 @@ private:
     ProgressMode mode_;
     ProgressReport progress_;
     WaitNotice wait_;
+    AnswerNotice answer_;
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;
     const LocalFarm* farm_ = nullptr;
@@ -168,8 +166,7 @@ public:
             if (!options_.shared.json)
                 print_plan();
             report_.output = options_.output;
-            report_.broker =
-                options_.own_farm() ? std::string() : comma_list(options_.shared.brokers);
+            report_.broker = options_.brokers_asked();
             return end("dry_run", {});
         }
         processor_time_before_ = net::processor_time();
@@ -218,16 +215,10 @@ private:
         const protocol::PictureSettings& s = options_.settings;
         fmt::print("scene     {} ({}, {})\n", options_.scene_file,
                    counted(scene_.text.size(), "byte"), fraja::to_string(scene_.hash));
-        fmt::print("picture   {}x{}", s.size.width, s.size.height);
-        if (s.crop.pixel_count() != s.size.pixel_count())
-            fmt::print(", of it {},{},{},{}", s.crop.x, s.crop.y, s.crop.width, s.crop.height);
-        fmt::print("\nsettings  {}\n", settings_text(s));
+        fmt::print("picture   {}\nsettings  {}\n", extent_text(s), settings_text(s));
         if (!options_.output.empty())
             fmt::print("output    {}\n", options_.output);
-        fmt::print("broker    {}\n", options_.local ? "none: in this process"
-                                     : !options_.direct.empty()
-                                         ? "none: workers at " + comma_list(options_.direct)
-                                         : comma_list(options_.shared.brokers));
+        fmt::print("broker    {}\n", broker_text(options_));
     }
 
     Outcome render(SubmitListener& listener) {

@@ -50,9 +50,17 @@ struct FrameState {
     // guarded by Shared::mutex
     JobId submitted; ///< a job that is taken over has another id
     std::optional<protocol::JobState> job, accepted;
+    std::uint64_t rays_before = 0; ///< of a job that is taken over: traced for somebody else
     std::string broker;
     bool connected = true;          ///< not known to be without the broker
+    bool unwritten = false;         ///< its file cannot be written
     std::optional<Outcome> outcome; ///< it is over
+
+    /// Of a job, since it was submitted or taken over.
+    [[nodiscard]] std::uint64_t rays_traced() const {
+        const std::uint64_t rays = job->rays.total();
+        return rays - std::min(rays, rays_before);
+    }
 };
 
 class FrameListener final : public Listener {
@@ -73,10 +81,10 @@ public:
 private:
     void take(const Accepted& news) {
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
-        note(news.state);
         {
             const std::lock_guard lock(shared_.mutex);
-            state_.accepted = news.state;
+            state_.job = state_.accepted = news.state;
+            state_.rays_before = news.state.job == state_.submitted ? 0 : news.state.rays.total();
         }
         shared_.changed.notify_one();
     }
@@ -127,6 +135,7 @@ public:
             for (const std::size_t index : waiting_)
                 report_.frames[index].output =
                     frame_file(options_.output, report_.frames[index].number);
+            report_.broker = options_.brokers_asked();
             return end({});
         }
         if (waiting_.empty()) {
@@ -198,17 +207,20 @@ private:
                    counted(scenes_->frame_count(), "camera"));
         fmt::print("frames    {} to render, {} skipped\n", waiting_.size(),
                    report_.frames.size() - waiting_.size());
-        fmt::print("settings  {}\n", settings_text(options_.settings));
+        fmt::print("picture   {}\nsettings  {}\n", extent_text(options_.settings),
+                   settings_text(options_.settings));
         if (!waiting_.empty())
             fmt::print("output    {} ... {}\n",
                        frame_file(options_.output, report_.frames[waiting_.front()].number),
                        frame_file(options_.output, report_.frames[waiting_.back()].number));
+        fmt::print("broker    {}\n", broker_text(options_));
     }
 
     Outcome render() {
         session_ = session_options(options_.shared);
-        if (options_.local) {
-            auto started = LocalFarm::start(context_, options_.local_threads);
+        if (options_.own_farm()) {
+            auto started = options_.local ? LocalFarm::start(context_, options_.local_threads)
+                                          : LocalFarm::call(context_, options_.direct);
             if (!started)
                 return {ExitCode::usage, said(started.error().message)};
             farm_ = *std::move(started);
@@ -216,6 +228,10 @@ private:
             session_.connect_timeout = LocalFarm::answers_within;
         }
         search_.emplace(console_, mode_, session_.brokers, net::now());
+        AnswerNotice answer(console_, options_.direct, net::now());
+        const Instant gives_up_at = options_.direct.empty()
+                                        ? Instant::never()
+                                        : net::now() + options_.shared.connect_timeout;
         const Instant times_out =
             options_.timeout ? net::now() + *options_.timeout : Instant::never();
         std::optional<Outcome> leaving;
@@ -238,16 +254,19 @@ private:
                 search_->end();
                 show_progress();
             }
+            (void)answer.tick(net::now());
             if (const auto signal = signals_ ? signals_->receive() : std::nullopt)
                 leaving = outcome_of(*signal);
             else if (net::now() >= times_out)
                 leaving = Outcome{ExitCode::timed_out, "the time is up"};
+            else if (!worker_seen_ && net::now() >= gives_up_at)
+                leaving = Outcome{ExitCode::unreachable, why_no_worker(options_)};
             else if (auto fault = farm_ ? farm_->fault() : std::nullopt)
                 leaving = Outcome{ExitCode::job_failed, *std::move(fault)};
         }
         search_->end();
         if (!leaving)
-            return summary();
+            return summary(next);
         leave(*leaving, next);
         return *leaving;
     }
@@ -276,7 +295,7 @@ private:
 
     Outcome render_frame(FrameState& state, const SessionOptions& session) {
         if (const auto writable = check(state.number); !writable)
-            return {ExitCode::job_failed, writable.error().message};
+            return unwritten(state, writable.error());
         const auto scene = scenes_->frame(state.number);
         if (!scene)
             return {ExitCode::job_failed, scene.error().message};
@@ -302,8 +321,14 @@ private:
                 fmt::format(" --travel {} --frames {}-{}", options_.travel_file, state.number,
                             state.number));
             !written)
-            return {ExitCode::job_failed, written.error().message};
+            return unwritten(state, written.error());
         return outcome;
+    }
+
+    Outcome unwritten(FrameState& state, const Error& error) {
+        const std::lock_guard lock(shared_.mutex);
+        state.unwritten = true;
+        return {ExitCode::job_failed, error.message};
     }
 
     /// What has become of those on their way.
@@ -312,9 +337,12 @@ private:
         std::vector<std::size_t> over;
         {
             const std::lock_guard lock(shared_.mutex);
-            if (!running_.empty() && !farm_)
+            if (!running_.empty() && !options_.local) // whose worker is on its way
                 if (const auto& job = running_.begin()->second.state->job)
-                    wait_.update(net::now(), *job, worker_cure(broker_));
+                    wait_.update(net::now(), *job,
+                                 options_.direct.empty()
+                                     ? worker_cure(broker_)
+                                     : "none answers yet at " + comma_list(options_.direct));
             for (const auto& [index, one] : running_) {
                 const bool failed =
                     one.state->outcome && one.state->outcome->code != ExitCode::done;
@@ -323,6 +351,8 @@ private:
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
                 accepted_ = accepted_ || one.state->job;
+                if (const auto& job = one.state->job)
+                    worker_seen_ = worker_seen_ || job->worker_count > 0 || job->done_count > 0;
                 const auto& accepted = one.state->accepted;
                 if (accepted && accepted->job != one.state->submitted &&
                     !std::exchange(one.state->told_resumed, true))
@@ -349,7 +379,7 @@ private:
         FilmReport::Frame& frame = report_.frames[index];
         if (state.job) {
             frame.job = *state.job;
-            rays_ended_ += frame.job.rays.total();
+            rays_ended_ += state.rays_traced();
         }
         frame.state = state.job ? std::string(to_string(state.job->phase)) : "not_submitted";
         const Outcome& outcome = *state.outcome;
@@ -358,11 +388,15 @@ private:
             ++done_;
         } else {
             frame.reason = outcome.reason;
-            const bool of_this_frame =
-                outcome.code == ExitCode::job_failed || outcome.code == ExitCode::cancelled;
+            unwritten_ += state.unwritten ? 1 : 0;
+            // A disk that is full has no room for the others either.
+            const bool drawn_in_vain = state.unwritten && state.job;
+            const bool of_this_frame = !drawn_in_vain && (outcome.code == ExitCode::job_failed ||
+                                                          outcome.code == ExitCode::cancelled);
             // What ails all of them is said once.
             if (of_this_frame || !gives_up_)
-                console_.error(fmt::format("frame {}: {}", state.number, outcome.reason));
+                console_.error(fmt::format("frame {}: {}{}", state.number, outcome.reason,
+                                           drawn_in_vain ? "; no more frames are begun" : ""));
             if (!of_this_frame && !gives_up_)
                 gives_up_ = outcome;
             failures_.push_back(outcome);
@@ -386,37 +420,51 @@ private:
                 moment.share_per_s += share_per_s(*one.state->job);
                 moment.worker_count =
                     std::max(moment.worker_count, one.state->job->film_worker_count);
-                moment.rays += one.state->job->rays.total();
+                moment.rays += one.state->rays_traced();
             }
         }
         progress_.update(net::now(), moment);
     }
 
     void say_what_was_written() {
-        std::vector<std::string> written;
+        std::vector<std::string> files;
         for (const FilmReport::Frame& frame : report_.frames)
-            if (!frame.output.empty())
-                written.push_back(frame.output);
-        if (written.size() == 1)
-            tell(console_, mode_, "wrote", "wrote " + written.front());
-        else if (!written.empty())
+            files.push_back(frame.output);
+        if (done_ == 1)
+            tell(console_, mode_, "wrote", "wrote " + runs_of(files));
+        else if (done_ > 1)
             tell(console_, mode_, "wrote",
-                 fmt::format("wrote {}: {} ... {}", counted(written.size(), "frame"),
-                             written.front(), written.back()));
+                 fmt::format("wrote {}: {}", counted(done_, "frame"), runs_of(files)));
     }
 
-    Outcome summary() {
+    /// `begun`: so many frames were.
+    Outcome summary(std::size_t begun) {
         console_.end_redraw();
         say_what_was_written();
-        if (gives_up_)
+        if (gives_up_ && gives_up_->code != ExitCode::job_failed)
             return *gives_up_;
         if (failures_.empty())
             return {};
+        const std::string frames = counted(waiting_.size(), "frame");
+        const std::size_t undrawn = failures_.size() - unwritten_;
+        if (unwritten_ > 0)
+            return {
+                ExitCode::job_failed,
+                said(fmt::format("{} of {} could not be written{}{}. Once they can, {}", unwritten_,
+                                 frames, undrawn > 0 ? fmt::format(", {} not drawn", undrawn) : "",
+                                 begun < waiting_.size()
+                                     ? fmt::format(", {} not begun", waiting_.size() - begun)
+                                     : "",
+                                 way_on()))};
         const bool cancelled = std::ranges::all_of(
             failures_, [](const Outcome& o) { return o.code == ExitCode::cancelled; });
         return {cancelled ? ExitCode::cancelled : ExitCode::job_failed,
-                said(fmt::format("{} of {} not drawn", failures_.size(),
-                                 counted(waiting_.size(), "frame")))};
+                said(fmt::format("{} of {} not drawn", undrawn, frames))};
+    }
+
+    [[nodiscard]] std::string way_on() const {
+        return std::string("the same command with --skip-existing") +
+               (options_.own_farm() ? "" : " --resume") + " goes on";
     }
 
     /// Jobs go on, where there is a farm; frames that were not submitted yet are not.
@@ -443,12 +491,10 @@ private:
         }
         running_.clear();
         console_.end_redraw();
-        console_.line(
-            fmt::format("fraja-submit: {}; of {} {} written, {} not begun. To go on, the same "
-                        "command with --skip-existing{}",
-                        outcome.reason, counted(waiting_.size(), "frame"), done_,
-                        waiting_.size() - begun, options_.local ? "" : " --resume"));
-        if (options_.local || going_on == 0)
+        console_.line(fmt::format("fraja-submit: {}; of {} {} written, {} not begun: {}",
+                                  outcome.reason, counted(waiting_.size(), "frame"), done_,
+                                  waiting_.size() - begun, way_on()));
+        if (options_.own_farm() || going_on == 0)
             return;
         console_.line(fmt::format("  going on:     {}\n"
                                   "  watch them:   fraja-watch -b {}\n"
@@ -480,10 +526,12 @@ private:
     std::size_t done_ = 0;
     std::uint64_t rays_ended_ = 0; ///< of the frames that are over
     std::vector<Outcome> failures_;
+    std::size_t unwritten_ = 0;       ///< of these: their files could not be written
     std::optional<Outcome> gives_up_; ///< why no more frames are submitted
     std::string broker_;
     bool connected_ = true;
-    bool accepted_ = false; ///< one frame was, at least
+    bool accepted_ = false;    ///< one frame was, at least
+    bool worker_seen_ = false; ///< that draws one
 
     struct Running {
         std::unique_ptr<FrameState> state;

@@ -213,6 +213,12 @@ std::string stem_of(const std::string& file) {
 /// Settings that are for other jobs than this one.
 void pass_over_settings(Arguments& a) {
     protocol::PictureSettings& s = a.options.settings;
+    if (a.origins.is_typed("--broker")) { // one that is set excludes neither
+        if (a.origins.is_setting("--local"))
+            a.options.local = false;
+        if (a.origins.is_setting("--direct"))
+            a.direct.clear();
+    }
     const bool estimated = s.error > 0 || !a.time_limit.empty();
     if (!estimated && a.origins.is_setting("--max-samples")) {
         a.max_samples->clear();
@@ -344,6 +350,8 @@ Result<void> read_conduct(Arguments& a) {
                               "fraja-ctl get JOB -o FILE later");
     if (o.detach && o.local)
         return invalid_option("--detach needs a farm that goes on: not with --local");
+    if (o.local && a.origins.is_typed("--broker"))
+        return invalid_option("--local and --broker contradict each other: here, or on a farm");
     if (o.detach && o.wait)
         return invalid_option("--detach and --wait contradict each other");
     if (o.detach && (o.stats || o.skip_existing || o.preview != PreviewMode::none))
@@ -362,11 +370,18 @@ Result<void> read_conduct(Arguments& a) {
     return {};
 }
 
+/// #N
+bool is_job_number(std::string_view name) {
+    return name.starts_with('#') && parse_count(name.substr(1)).has_value();
+}
+
 Result<void> read_names(Arguments& a) {
     SubmitOptions& o = a.options;
     if (o.job_name.size() > protocol::name_bytes_max)
         return invalid_option("--name: at most " + std::to_string(protocol::name_bytes_max) +
                               " bytes");
+    if (is_job_number(o.job_name))
+        return invalid_option("--name " + o.job_name + ": so a JOB is called by its number");
     if (o.job_name.empty())
         o.job_name = stem_of(o.scene_file).substr(0, protocol::name_bytes_max);
     o.job_name = printable(o.job_name);
@@ -474,6 +489,19 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
     if (a.options.wait)
         a.options.shared.progress = ProgressMode::none;
     return std::move(a.options);
+}
+
+std::string broker_text(const SubmitOptions& options) {
+    return options.local            ? "none: in this process"
+           : options.direct.empty() ? options.brokers_asked()
+                                    : "none: workers at " + comma_list(options.direct);
+}
+
+std::string why_no_worker(const SubmitOptions& options) {
+    return "no worker takes tiles at " + comma_list(options.direct) +
+           ": none listens there, or all serve somebody else" +
+           (options.wishes.tags.empty() ? "" : ", or none has the tags") +
+           " (--connect-timeout says how long to wait for the first)";
 }
 
 protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,

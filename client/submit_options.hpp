@@ -3,6 +3,7 @@
 
 #include "client/frames.hpp"
 #include "client/options.hpp"
+#include "common/base/text.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <cstdint>
@@ -36,10 +37,20 @@ struct SubmitOptions {
 
     /// Whether the job is this process's own, and ends with it.
     [[nodiscard]] bool own_farm() const { return local || !direct.empty(); }
+    /// Who would take it; empty: nobody.
+    [[nodiscard]] std::string brokers_asked() const {
+        return own_farm() ? std::string() : comma_list(shared.brokers);
+    }
 };
 
 /// Everything that can be checked without looking at a file or a broker is checked.
 [[nodiscard]] Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments);
+
+/// For people: who would be asked, or who draws without a broker.
+[[nodiscard]] std::string broker_text(const SubmitOptions& options);
+
+/// Why a job with --direct is given up, for people.
+[[nodiscard]] std::string why_no_worker(const SubmitOptions& options);
 
 /// What is wanted, as a new job.
 [[nodiscard]] protocol::SubmitJob new_job(const SubmitOptions& options, std::string name,

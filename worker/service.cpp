@@ -52,7 +52,8 @@ Service::Service(ServiceOptions options, const net::SignalWatch& signals)
       opening_(opening_line(options_.worker, options_.isa)),
       logger_(options_.program, options_.log), duty_(options_.duty) {
     options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
-    options_.worker.on_listening = [](const std::vector<std::string>& endpoints) {
+    options_.worker.on_listening = [this](const std::vector<std::string>& endpoints) {
+        open(); // not before it is known that it can
         for (const std::string& endpoint : endpoints)
             fmt::print("listening {}\n", endpoint);
         std::fflush(stdout);
@@ -61,7 +62,8 @@ Service::Service(ServiceOptions options, const net::SignalWatch& signals)
 }
 
 Result<int> Service::run() {
-    tell(opening_);
+    if (options_.worker.listen.empty())
+        open();
     for (;;) {
         if (!wait_for_hours())
             return Exit::done; // told to leave while nothing was at hand
@@ -73,6 +75,12 @@ Result<int> Service::run() {
         if (verdict_ != Duty::Verdict::go_on)
             return verdict_ == Duty::Verdict::enough ? Exit::done : Exit::start_again;
     }
+}
+
+/// Once, however often it rests.
+void Service::open() {
+    if (!std::exchange(opened_, true))
+        tell(opening_);
 }
 
 void Service::tell(const std::string& text) {

@@ -37,6 +37,7 @@ public:
     [[nodiscard]] Result<int> run();
 
 private:
+    void open();
     void tell(const std::string& text);
     [[nodiscard]] bool on_duty() const;
     void look_at(const Load& load);
@@ -48,6 +49,7 @@ private:
     ServiceOptions options_;
     const net::SignalWatch& signals_;
     const std::string opening_;
+    bool opened_ = false; ///< and said so
     service::Logger logger_;
     service::Notifier notifier_;
     const net::Context context_;

@@ -172,6 +172,9 @@ void Session::on(Turn& turn, const Drain&) {
 
 void Session::on(Turn& turn, const StopNow&) {
     begin_draining(turn, FinishReason::stopped);
+    if (!tiles_.empty())
+        turn.log(LogLevel::info, "hands_back",
+                 "hands back " + counted(tiles_.size(), "tile") + " at hand");
     while (!tiles_.empty())
         fail_tile(turn, tiles_.begin(), FailureCode::cancelled, "this worker is leaving");
 }
@@ -182,8 +185,10 @@ void Session::begin_draining(Turn& turn, FinishReason reason) {
         finish(turn, reason);
     } else if (state_ == State::open) {
         state_ = State::draining;
+        const bool finishes = reason == FinishReason::drained && !tiles_.empty();
         turn.log(LogLevel::info, "leaving",
-                 "leaving with " + counted(tiles_.size(), "tile") + " at hand");
+                 "leaving with " + counted(tiles_.size(), "tile") + " at hand" +
+                     (finishes ? "; a second INT or TERM hands them back at once" : ""));
         beat(turn); // before anything is handed back, or the broker would replace it
     }
 }

@@ -3,6 +3,7 @@
 #include "common/base/text.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <string_view>
 #include <system_error>
 #include <vector>
@@ -26,12 +27,17 @@ std::vector<std::string> names_in(const fs::path& folder) {
 
 } // namespace
 
-std::string missing_file(const fs::path& path) {
+std::string missing_file(const fs::path& path, const fs::path& wanted) {
     const std::string opening = path.string() + ": there is no such file";
     const auto names = names_in(path.has_parent_path() ? path.parent_path() : fs::path("."));
-    const std::vector<std::string_view> views(names.begin(), names.end());
-    if (const auto meant = meant_name(path.filename().string(), views))
-        return opening + did_you_mean((path.parent_path() / *meant).string());
+    std::vector<std::string_view> all(names.begin(), names.end());
+    std::vector<std::string_view> likely;
+    std::ranges::copy_if(all, std::back_inserter(likely), [&](std::string_view name) {
+        return fs::path(name).extension() == wanted;
+    });
+    for (const std::vector<std::string_view>* views : {&likely, &all})
+        if (const auto meant = meant_name(path.filename().string(), *views))
+            return opening + did_you_mean((path.parent_path() / *meant).string());
     std::error_code error;
     const fs::path here = fs::current_path(error);
     return opening + (path.is_absolute() ? "" : " in " + (error ? "this folder" : here.string()));

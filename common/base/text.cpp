@@ -136,6 +136,30 @@ std::string format_duration(Duration d) {
     return std::to_string(m) + ":" + two(s);
 }
 
+std::string duration_in_words(Duration d) {
+    using namespace std::chrono_literals;
+    std::string words;
+    const auto add = [&](const std::string& more) { words += (words.empty() ? "" : " ") + more; };
+    Duration rest = std::max(d, Duration::zero());
+    struct Unit {
+        Duration length;
+        const char* name;
+    };
+    for (const auto& [unit, name] : {Unit{24h, "day"}, Unit{1h, "hour"}, Unit{1min, "minute"}})
+        if (const auto count = rest / unit; count > 0) {
+            add(counted(static_cast<std::uint64_t>(count), name));
+            rest %= unit;
+        }
+    const auto whole_s = static_cast<std::uint64_t>(rest / 1s);
+    std::string millis = std::to_string(rest % 1s / 1ms + 1000).substr(1);
+    millis.erase(millis.find_last_not_of('0') + 1);
+    if (!millis.empty())
+        add(std::to_string(whole_s) + "." + millis + " seconds");
+    else if (whole_s > 0 || words.empty())
+        add(counted(whole_s, "second"));
+    return words;
+}
+
 std::string counted(std::uint64_t count, std::string_view what) {
     return std::to_string(count) + " " + std::string(what) + (count == 1 ? "" : "s");
 }

@@ -28,6 +28,10 @@ namespace fraja {
 /// "0:42", "12:07", "1:02:03": for progress lines. Negative is shown as 0:00.
 [[nodiscard]] std::string format_duration(Duration d);
 
+/// "7 days", "1 hour 30 minutes", "1.5 seconds": what parse_duration() has read, to the
+/// millisecond.
+[[nodiscard]] std::string duration_in_words(Duration d);
+
 /// "1 job", "2 jobs": of words that take an s.
 [[nodiscard]] std::string counted(std::uint64_t count, std::string_view what);
 

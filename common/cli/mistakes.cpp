@@ -90,7 +90,7 @@ std::string as_given(const OptionCard& card, const CLI::Option& option, std::str
                               : card.typed_name(typed) + " " + shown;
 }
 
-/// "fraja-ctl prio JOB N"
+/// "fraja-ctl get JOB -o FILE": what it cannot do without.
 std::string usage_of(const CLI::App& app) {
     const CLI::App* active = &app;
     std::string usage = app.get_name();
@@ -101,6 +101,8 @@ std::string usage_of(const CLI::App& app) {
     for (const OptionCard& card : cards_of(*active))
         if (card.names.empty())
             usage += " " + card.value;
+        else if (card.required)
+            usage += " " + card.names.front() + " " + card.value;
     return usage;
 }
 
@@ -116,7 +118,40 @@ std::string of_value(const OptionCard& card, const CLI::Option& option, std::str
     return given + "cannot be read as " + card.value;
 }
 
+/// Whether "--output=" was typed, where CLI11 would take the next word for the value; or nothing
+/// after the name, as of an option that may stand alone it says the same where it does.
+bool is_cut_off(const OptionCard& card, const std::vector<std::string>& typed) {
+    std::string_view before;
+    for (const std::string_view word : typed) {
+        if (word == "--")
+            return false;
+        const bool ends_so = word.starts_with("--") && word.find('=') + 1 == word.size();
+        if ((ends_so && card.has_name(word.substr(0, word.size() - 1))) ||
+            (word.empty() && card.has_name(before)))
+            return true;
+        before = word;
+    }
+    return false;
+}
+
 } // namespace
+
+std::optional<std::string> empty_value_in(const CLI::App& app,
+                                          const std::vector<std::string>& typed) {
+    std::vector<const CLI::App*> apps{&app};
+    std::ranges::copy(app.get_subcommands(), std::back_inserter(apps));
+    for (const CLI::App* one : apps)
+        for (const CLI::Option* option : one->get_options()) {
+            const OptionCard card = card_of(*option);
+            const bool may_stand_alone = option->get_items_expected_min() == 0;
+            if (!card.names.empty() && card.takes_value() &&
+                (is_cut_off(card, typed) ||
+                 (!may_stand_alone && std::ranges::count(option->results(), "") > 0)))
+                return card.typed_name(typed) + " '': empty, and " + card.shown_value() +
+                       " is needed; is a variable not set?";
+        }
+    return std::nullopt;
+}
 
 std::string mistake(const CLI::App& app, const CLI::ParseError& error,
                     const std::vector<std::string>& typed) {

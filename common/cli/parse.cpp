@@ -52,8 +52,11 @@ std::optional<EarlyExit> parse(CLI::App& app, std::vector<std::string> arguments
     } catch (const CLI::CallForAllHelp&) {
         return EarlyExit{0, app.help("", CLI::AppFormatMode::All)};
     } catch (const CLI::ParseError& e) {
-        return usage_error(app.get_name(), mistake(app, e, typed));
+        const auto empty = empty_value_in(app, typed);
+        return usage_error(app.get_name(), empty ? *empty : mistake(app, e, typed));
     }
+    if (const auto empty = empty_value_in(app, typed))
+        return usage_error(app.get_name(), *empty);
     origins.note_typed(app, typed);
     if (const auto taken = take_settings(app, files, origins); !taken)
         return usage_error(app.get_name(), taken.error().message);

@@ -1,9 +1,11 @@
 #include "common/cli/settings.hpp"
 
 #include "common/cli/mistakes.hpp"
+#include "common/cli/option_card.hpp"
 #include "common/cli/settings_file.hpp"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <string>
 
@@ -35,6 +37,11 @@ Result<void> give(const CLI::App& app, const std::filesystem::path& file, CLI::O
                                                       name_of(*other) + " (" + place +
                                                       ") exclude each other: give one of them"};
     }
+    if (const OptionCard card = card_of(option);
+        card.takes_value() && std::ranges::count(setting.values, "") > 0)
+        return Error{ErrorCode::invalid_argument, setting.place + ": " + setting.option +
+                                                      " = '': empty, and " + card.value +
+                                                      " is needed; leave it out, or say it"};
     try {
         for (const std::string& value : setting.values)
             option.add_result(value);

@@ -20,6 +20,37 @@ namespace {
 constexpr std::array<std::string_view, 7> shared_options = {
     "broker", "connect-timeout", "progress", "color", "log-level", "log-format", "json"};
 
+/// Also where its name is given without what all of them have in common.
+std::optional<std::string_view> program_meant(std::string_view name) {
+    if (const auto whole = nearest_name(name, programs))
+        return whole;
+    constexpr std::string_view common = "fraja-";
+    std::vector<std::string_view> ends;
+    for (const std::string_view program : programs)
+        ends.push_back(program.substr(common.size()));
+    const auto end = nearest_name(name, ends);
+    return end ? std::optional(programs[static_cast<std::size_t>(std::ranges::find(ends, *end) -
+                                                                 ends.begin())])
+               : std::nullopt;
+}
+
+/// The cure, where a line that is no TOML has a word for its value.
+std::string quotes_missing(std::string_view text, std::size_t line_number) {
+    for (std::size_t line = 1; line < line_number && !text.empty(); ++line)
+        text.remove_prefix(std::min(text.find('\n'), text.size() - 1) + 1);
+    text = text.substr(0, text.find('\n'));
+    const std::size_t equals = text.find('=');
+    if (equals == std::string_view::npos)
+        return {};
+    constexpr std::string_view blanks = " \t\r";
+    std::string_view value = text.substr(equals + 1, text.find('#', equals) - equals - 1);
+    value.remove_prefix(std::min(value.find_first_not_of(blanks), value.size()));
+    value = value.substr(0, value.find_last_not_of(blanks) + 1);
+    if (value.empty() || value.find_first_of("'\"[]{}=") != std::string_view::npos)
+        return {};
+    return " (words are written in quotes: '" + printable(clipped(value, 200)) + "')";
+}
+
 Error unreadable(const std::filesystem::path& file, const std::string& reason) {
     return {ErrorCode::io, file.string() + ": " + reason};
 }
@@ -85,7 +116,8 @@ private:
 
     Result<void> take_table(const toml::key& key, const toml::table& table) {
         if (std::ranges::find(programs, key.str()) == programs.end())
-            return unknown(key, "there is no program", programs);
+            return mistake(key.source(), "there is no program '" + printable(key.str()) + "'" +
+                                             did_you_mean(program_meant(key.str())));
         if (key.str() != program_)
             return {};
         for (const auto& [option, node] : table) {
@@ -164,7 +196,8 @@ Result<std::vector<Setting>> read_settings(const std::filesystem::path& file,
         const auto& begin = e.source().begin;
         return Error{ErrorCode::invalid_argument, file.string() + ":" + std::to_string(begin.line) +
                                                       ":" + std::to_string(begin.column) + ": " +
-                                                      std::string(e.description())};
+                                                      std::string(e.description()) +
+                                                      quotes_missing(**text, begin.line)};
     }
 }
 

@@ -302,7 +302,7 @@ Result<std::string> read_text(const std::filesystem::path& path, const RajLimits
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
     if (status.type() == std::filesystem::file_type::not_found)
-        return Error{ErrorCode::io, missing_file(path)};
+        return Error{ErrorCode::io, missing_file(path, ".raj")};
     if (error)
         return io_error(error.message());
     if (std::filesystem::is_directory(status))

@@ -27,6 +27,11 @@ TEST_CASE("a job waits while the disk is full, and comes out right") {
     REQUIRE(shown.has_value());
     INFO(shown->out << shown->err);
     CHECK(contains(shown->out, "waiting: the broker cannot keep what is done"));
+    const auto doctor = run({{program("fraja-ctl"), "-b", farm.endpoint(), "doctor"}}, patience);
+    REQUIRE(doctor.has_value());
+    INFO(doctor->out);
+    CHECK(doctor->exit == 1); // it was reached
+    CHECK(contains(doctor->out, "BAD store"));
 
     // It may even start on it.
     farm.broker().send(SIGKILL);

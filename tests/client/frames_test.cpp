@@ -61,6 +61,29 @@ TEST_CASE("a film's files are numbered where the pattern says so, once") {
     }
 }
 
+TEST_CASE("files of frames are told in runs, and what is missing between them is not told") {
+    using Files = std::vector<std::string>;
+    struct Row {
+        Files files;
+        const char* text;
+    };
+    for (const Row& row : {
+             Row{{}, ""},
+             Row{{"", ""}, ""},
+             Row{{"1"}, "1"},
+             Row{{"1", "2"}, "1, 2"},
+             Row{{"", "2", "3", "4", ""}, "2 ... 4"},
+             Row{{"1", "", "", "", "5"}, "1, 5"},
+             Row{{"1", "2", "3", "", "5", "6", "", "8"}, "1 ... 3, 5, 6, 8"},
+             Row{{"1", "", "1", "", "1", "", "1", "", "1",  "",
+                  "1", "", "1", "", "8", "", "9", "", "10", "11"},
+                 "1, 1, 1, 1, 1, 1, 1, 8 and 3 more"},
+         }) {
+        CAPTURE(row.text);
+        CHECK(runs_of(row.files) == row.text);
+    }
+}
+
 TEST_CASE("a frame's scene is the scene with that frame's camera, and nothing else is changed") {
     const std::string folder = std::string(FRAJA_SOURCE_DIR) + "/scenes/";
     std::vector<std::string> warnings;

@@ -1,10 +1,14 @@
 #include "client/notices.hpp"
 
+#include "common/net/clock.hpp"
+#include "common/net/sockets.hpp"
 #include "common/protocol/reasons.hpp"
 #include "tests/client/written.hpp"
 
+#include <algorithm>
 #include <doctest/doctest.h>
 #include <string>
+#include <thread>
 
 using namespace fraja;
 using namespace fraja::client;
@@ -24,6 +28,14 @@ protocol::JobState job(std::string_view reason) {
     return state;
 }
 
+/// In true time, as others are reached in that.
+template <class Notice>
+void until_silent(Notice& notice, Instant now) {
+    const Instant begin = net::now();
+    while (notice.tick(now + (net::now() - begin)) != Instant::never())
+        std::this_thread::sleep_for(1ms);
+}
+
 } // namespace
 
 TEST_CASE("a broker that is not found at once is looked for aloud, once, in the chosen form") {
@@ -32,34 +44,61 @@ TEST_CASE("a broker that is not found at once is looked for aloud, once, in the 
         const char* says;
     };
     for (const Row& row :
-         {Row{ProgressMode::plain, "fraja-test: looking for a broker at a:1, b:2 ...\n"},
-          Row{ProgressMode::bar, "\r\x1b[Klooking for a broker at a:1, b:2 ..."},
+         {Row{ProgressMode::plain, "fraja-test: looking for a broker at ipc:///a, ipc:///b ...\n"},
+          Row{ProgressMode::bar, "\r\x1b[Klooking for a broker at ipc:///a, ipc:///b ..."},
           Row{ProgressMode::json, R"({"schema":"fraja.event/1","event":"looking_for_broker",)"
-                                  R"("text":"looking for a broker at a:1, b:2 ..."})"
+                                  R"("text":"looking for a broker at ipc:///a, ipc:///b ..."})"
                                   "\n"},
           Row{ProgressMode::none, ""}}) {
         Written written(options);
-        SearchNotice notice(written.console, row.mode, {"a:1", "b:2"}, start);
+        SearchNotice notice(written.console, row.mode, {"ipc:///a", "ipc:///b"}, start);
         (void)notice.tick(start + unsaid_max - 1ms);
         CHECK(written.text().empty());
-        (void)notice.tick(start + unsaid_max);
-        CHECK(notice.tick(start + 2 * unsaid_max) == Instant::never());
+        until_silent(notice, start + unsaid_max);
         CHECK(written.text() == row.says);
     }
 }
 
 TEST_CASE("a broker that is found leaves no line behind on a terminal, and none is said later") {
     Written written(options);
-    SearchNotice notice(written.console, ProgressMode::bar, {"a:1"}, start);
-    (void)notice.tick(start + unsaid_max);
+    SearchNotice notice(written.console, ProgressMode::bar, {"ipc:///a"}, start);
+    until_silent(notice, start + unsaid_max);
     notice.end();
     CHECK(written.text().ends_with("...\r\x1b[K"));
 
     Written silent(options);
-    SearchNotice found(silent.console, ProgressMode::plain, {"a:1"}, start);
+    SearchNotice found(silent.console, ProgressMode::plain, {"ipc:///a"}, start);
     found.end();
     CHECK(found.tick(start + unsaid_max) == Instant::never());
     CHECK(silent.text().empty());
+}
+
+TEST_CASE("while a broker is looked for, what hinders is said with it") {
+    Written written(options);
+    SearchNotice notice(written.console, ProgressMode::plain, {"tcp://127.0.0.1:1", "ipc:///a"},
+                        start);
+    until_silent(notice, start + unsaid_max);
+    CHECK(written.text() == "fraja-test: looking for a broker at tcp://127.0.0.1:1 (nothing "
+                            "listens there), ipc:///a ...\n");
+}
+
+TEST_CASE("workers that nobody answers at are named once, and no others") {
+    const net::Context context;
+    const auto there = net::RouterSocket::bind(context, "tcp://127.0.0.1:0");
+    REQUIRE(there.has_value());
+    Written written(options);
+    AnswerNotice notice(written.console, {there->endpoint(), "tcp://127.0.0.1:1"}, start);
+    (void)notice.tick(start + unanswered_max - 1ms);
+    CHECK(written.text().empty());
+    until_silent(notice, start + unanswered_max);
+    CHECK(notice.tick(start + 1h) == Instant::never());
+    CHECK(written.text() == "fraja-test: warning: no answer yet from tcp://127.0.0.1:1 (nothing "
+                            "listens there)\n");
+    AnswerNotice all_there(written.console, {there->endpoint()}, start);
+    until_silent(all_there, start + unanswered_max);
+    AnswerNotice none(written.console, {}, start);
+    CHECK(none.tick(start + 1h) == Instant::never());
+    CHECK(std::ranges::count(written.text(), '\n') == 1);
 }
 
 TEST_CASE("why a job waits is said once, with the cure, and that it goes on") {

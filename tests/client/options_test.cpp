@@ -374,6 +374,16 @@ TEST_CASE("fraja-watch serves a page where that is asked for") {
         CHECK(std::get<EarlyExit>(parse_watch_options(bad)).code == 2);
 }
 
+TEST_CASE("an option that may stand alone is not given nothing either") {
+    for (const std::vector<std::string>& typed :
+         {std::vector<std::string>{"--serve", ""}, {"--tev="}, {"cone", "-o", ""}}) {
+        const auto parsed = parse_watch_options(typed);
+        REQUIRE(std::holds_alternative<EarlyExit>(parsed));
+        CHECK(std::get<EarlyExit>(parsed).code == 2);
+        CHECK(std::get<EarlyExit>(parsed).text.find(" '': empty, and ") != std::string::npos);
+    }
+}
+
 TEST_CASE("parse_until takes done, first and a share, and nothing else") {
     struct Row {
         std::string_view text;
@@ -407,5 +417,13 @@ TEST_CASE("fraja-ctl reads its commands, with shared options on either side") {
         const auto* early = std::get_if<EarlyExit>(&parsed);
         REQUIRE(early);
         CHECK(early->code == 2);
+    }
+    for (const std::vector<std::string>& typed : {std::vector<std::string>{"cancel", "--yes", ""},
+                                                  {"get", "", "-o", "a.png"},
+                                                  {"kick", ""}}) {
+        const auto parsed = parse_ctl_options(typed); // not the newest that there is
+        REQUIRE(std::holds_alternative<EarlyExit>(parsed));
+        CHECK(std::get<EarlyExit>(parsed).text.find(typed[0] + " '': empty, and a name is ") !=
+              std::string::npos);
     }
 }

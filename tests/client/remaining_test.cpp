@@ -77,6 +77,23 @@ TEST_CASE("nothing is known to remain before there is a pace") {
     CHECK(left_after(remaining) == doctest::Approx(8));
 }
 
+TEST_CASE("of a job that has just begun to be drawn nobody says when it ends") {
+    Remaining remaining;
+    remaining.update(100ms, 0.24, 1e-4);
+    CHECK_FALSE(remaining.left().has_value());
+    remaining.update(900ms, 0.5, 0.4);
+    CHECK_FALSE(remaining.left().has_value());
+    remaining.update(1s, 0.52, 0.4);
+    CHECK(remaining.left().has_value());
+    Remaining waited;
+    for (Duration t = 0s; t <= 5s; t += 1s)
+        waited.update(t, 0, 0);
+    waited.update(5900ms, 0.1, 1e-4);
+    CHECK_FALSE(waited.left().has_value());
+    waited.update(6s, 0.2, 0.2);
+    CHECK(waited.left().has_value());
+}
+
 TEST_CASE("how long it took to get under way says nothing of what remains") {
     Remaining remaining;
     remaining.update(1000s, 0, 0);

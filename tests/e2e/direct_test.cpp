@@ -210,6 +210,29 @@ TEST_CASE("a worker serves the next job when the one before it was killed or int
     }
 }
 
+TEST_CASE("a film is drawn by workers that listen, and given up where none answers") {
+    const Scratch scratch;
+    const Words film =
+        with(small_picture(), {"--travel", scene("travels/cone"), "--frames", "1-3"});
+    Listeners workers;
+    workers.add("one");
+    workers.add("two");
+    const RunResult drawn = submit(with(
+        film, {"--direct", workers.all() + ",127.0.0.1:1", "-o", scratch.file("direct%d.png")}));
+    REQUIRE_MESSAGE(drawn.exit == 0, drawn.err);
+    REQUIRE(submit(with(film, {"--local", "-o", scratch.file("local%d.png")})).exit == 0);
+    for (const char* n : {"1.png", "2.png", "3.png"})
+        CHECK((bytes_of(scratch.file(std::string("direct") + n)) ==
+               bytes_of(scratch.file(std::string("local") + n))));
+    const RunResult nobody = submit(with(film, {"--direct", "127.0.0.1:1", "--connect-timeout",
+                                                "300ms", "-o", scratch.file("none%d.png")}));
+    CHECK(nobody.exit == 3);
+    INFO(nobody.err);
+    CHECK(contains(nobody.err, "no worker takes tiles at tcp://127.0.0.1:1: "));
+    CHECK(contains(nobody.err, "of 3 frames 0 written, 0 not begun: the same command with "
+                               "--skip-existing goes on"));
+}
+
 TEST_CASE("where no worker answers in time it exits with 3 and names them all") {
     const Scratch scratch;
     const Words late = {"--connect-timeout", "300ms", "-o", scratch.file("x.png")};

@@ -93,6 +93,10 @@ TEST_CASE("mistakes on the command line exit with 2 and say what is wrong") {
              Row{{cone, "--colour"}, "--colour"},
              Row{{cone, "--detach", "-o", scratch.file("x.png")}, "--detach"},
              Row{{cone, "-b", "pgm://x", "-o", scratch.file("x.png")}, "pgm"},
+             Row{{cone, "-b", "", "-o", scratch.file("x.png")}, "-b '': empty, and ENDPOINT"},
+             Row{{cone, "--local", "-o", ""}, "-o '': empty, and FILE"},
+             Row{{cone, "--local", "--name="}, "--name '': empty, and NAME"},
+             Row{{cone, "--local", "-b", "tcp://127.0.0.1:1"}, "--local and --broker contradict"},
          }) {
         const auto result = submit(row.arguments);
         CAPTURE(row.says);
@@ -351,6 +355,17 @@ TEST_CASE("a dry run checks everything and submits nothing") {
         {scene("cone"), "--dry-run", "-b", "tcp://127.0.0.1:1", "-o", scratch.file("x.png")});
     CHECK(result.exit == 0);
     CHECK_FALSE(fs::exists(scratch.file("x.png")));
+    for (const char* line : {"picture   64x48, of it 0,0,32,16\n", "broker    tcp://127.0.0.1:1\n"})
+        for (const Words& what :
+             {Words{"-o", scratch.file("x.png")},
+              Words{"-o", scratch.file("%d.png"), "--travel", scene("travels/cone")}}) {
+            const auto plan = submit(with({scene("cone"), "--dry-run", "-b", "127.0.0.1:1", "-r",
+                                           "64x48", "--crop", "0,0,32,16"},
+                                          what));
+            CAPTURE(plan.out);
+            CHECK(plan.exit == 0);
+            CHECK(contains(plan.out, line));
+        }
 }
 
 TEST_CASE("a dry run's JSON says as much as its words") {
@@ -368,6 +383,7 @@ TEST_CASE("a dry run's JSON says as much as its words") {
     CHECK(planned({"--local", "-o", path}).at("broker").is_null());
     const auto film =
         planned({"--travel", scene("travels/cone"), "--frames", "2", "-o", scratch.file("%d.png")});
+    CHECK(film.at("broker") == "tcp://127.0.0.1:50057");
     CHECK(film.at("frames").at(0).at("output") == scratch.file("2.png"));
 }
 

@@ -134,6 +134,61 @@ TEST_CASE("a frame that cannot be written is told, and the others go on") {
     CHECK(fs::exists(scratch.file("3/x.png")));
 }
 
+/// The cameras of six films in one.
+std::string six_rounds(const Scratch& scratch) {
+    const std::string round = bytes_of(travel);
+    const std::size_t begin = round.find('[') + 1;
+    const std::string cameras = round.substr(begin, round.rfind(']') - begin);
+    std::string path = scratch.file("rounds.raj");
+    std::ofstream(path) << '[' << cameras << ',' << cameras << ',' << cameras << ',' << cameras
+                        << ',' << cameras << ',' << cameras << ']';
+    return path;
+}
+
+TEST_CASE("a film whose frames find no room on the disk begins no more, and says how to go on") {
+    const Scratch scratch;
+    const Words words{program("fraja-submit"), scene("cone"), "--travel",
+                      six_rounds(scratch),     "-r",          "64x48",
+                      "--skip-existing",       "-o",          scratch.file("%d.png")};
+    for (const int there : {1, 3, 4, 5}) // between them and the end
+        std::ofstream(scratch.file(std::to_string(there) + ".png")) << "there";
+    // To it a limit on the size of files is a disk that is full.
+    const Words full{"env", "--ignore-signal=XFSZ", "prlimit", "--fsize=10"};
+    const auto drawn = run({with(with(full, words), {"--local", "-j", "1"})}, patience);
+    REQUIRE(drawn.has_value());
+    INFO(drawn->err);
+    CHECK(drawn->exit == 1);
+    CHECK(contains(drawn->err, "frame 2: " + scratch.file("2.png") + ": "));
+    CHECK(contains(drawn->err, "; no more frames are begun\n"));
+    CHECK(drawn->err.rfind("error: frame ") == drawn->err.find("error: frame ")); // once for all
+    CHECK(contains(drawn->err, " of 68 frames could not be written, "));
+    CHECK(contains(drawn->err, " not begun. Once they can, the same command with --skip-existing "
+                               "goes on"));
+    CHECK_FALSE(contains(drawn->err, "not drawn"));
+    CHECK_FALSE(contains(drawn->err, "wrote"));
+
+    Farm farm;
+    farm.add_worker("one", {"-j", "2"});
+    const auto there =
+        run({with(with(full, words), {"-b", farm.endpoint(), "--frames", "1-2"})}, patience);
+    REQUIRE(there.has_value());
+    INFO(there->err);
+    CHECK(there->exit == 1);
+    CHECK(contains(there->err, "error: 1 of 1 frame could not be written. Once they can, the same "
+                               "command with --skip-existing --resume goes on"));
+    const auto taken_over = run(
+        {with(words, {"-b", farm.endpoint(), "--frames", "1-2", "--resume", "--progress", "json"})},
+        patience);
+    REQUIRE(taken_over.has_value());
+    INFO(taken_over->err);
+    CHECK(taken_over->exit == 0);
+    CHECK(contains(taken_over->err, "wrote " + scratch.file("2.png")));
+    std::istringstream lines(taken_over->err);
+    for (std::string line; std::getline(lines, line);)
+        if (contains(line, "fraja.film_progress/1")) // nothing was drawn anew
+            CHECK(nlohmann::json::parse(line).at("rays_per_s") == 0);
+}
+
 TEST_CASE("what is wrong with a film is said before anything is submitted, with the cure") {
     const Scratch scratch;
     std::ofstream(scratch.file("broken.raj"))
@@ -232,16 +287,9 @@ TEST_CASE("a film outlives its broker, also where a frame is begun without one")
     const Scratch scratch;
     const Words limits{"--heartbeat", heartbeat_option, "--state", scratch.file("state")};
     Farm farm(limits); // nobody draws yet
-    std::ifstream file(travel);
-    const std::string round{std::istreambuf_iterator<char>(file), {}};
-    const std::size_t begin = round.find('[') + 1;
-    const std::string cameras = round.substr(begin, round.rfind(']') - begin);
-    std::ofstream(scratch.file("rounds.raj"))
-        << '[' << cameras << ',' << cameras << ',' << cameras << ',' << cameras << ',' << cameras
-        << ',' << cameras << ']';
-    Process drawn = farm.start_submit({scene("cone"), "--travel", scratch.file("rounds.raj"),
-                                       "--frames", "1-65", "-r", "32x24", "-o",
-                                       scratch.file("%d.png"), "--connect-timeout", "2s"});
+    Process drawn =
+        farm.start_submit({scene("cone"), "--travel", six_rounds(scratch), "--frames", "1-65", "-r",
+                           "32x24", "-o", scratch.file("%d.png"), "--connect-timeout", "2s"});
     const std::string first = wait_for_frame_job(farm, "cone-0001");
     (void)wait_for_frame_job(farm, "cone-0064"); // so many at a time
     // It hears that its first frame is over, and begins another, when the broker is gone.

@@ -124,7 +124,7 @@ TEST_CASE("the broker's unit reloads it, and the journal gets lines with its own
     const auto says = [&](std::string_view words) {
         return broker.wait_for_words(Process::Stream::err, words, patience).has_value();
     };
-    CHECK(says("<6>jobs are kept in "));
+    CHECK(says("<6>jobs are kept in " + scratch.file("state") + ", for 7 days after they end"));
     Process reload = start(replaced(value("fraja-broker", "ExecReload"), "$$", "$"),
                            {"MAINPID=" + std::to_string(broker.pid())});
     CHECK(reload.wait_for_exit(patience) == 0);

@@ -168,6 +168,23 @@ TEST_CASE("draining without a connection ends at once, without a word") {
     CHECK(of_type<Finished>(actions).size() == 1);
 }
 
+TEST_CASE("who leaves says what is at hand, how to hasten it, and what becomes of it") {
+    const auto said = [](const std::vector<Action>& actions) {
+        const auto lines = of_type<Log>(actions);
+        REQUIRE(lines.size() == 1);
+        return lines[0].text;
+    };
+    Ready idle;
+    CHECK(said(idle.step(Drain{})) == "leaving with 0 tiles at hand");
+    CHECK(of_type<Log>(idle.step(StopNow{})).empty());
+    Ready busy;
+    (void)busy.receive(order(busy.scene, 5));
+    (void)busy.receive(order(busy.scene, 6));
+    CHECK(said(busy.step(Drain{})) ==
+          "leaving with 2 tiles at hand; a second INT or TERM hands them back at once");
+    CHECK(said(busy.step(StopNow{})) == "hands back 2 tiles at hand");
+}
+
 TEST_CASE("stopping hands back every tile, after it has said that it takes no other") {
     for (const bool draining_before : {false, true}) {
         Ready driver;

@@ -66,6 +66,17 @@ TEST_CASE("format_duration writes minutes and, when there are any, hours") {
     CHECK(format_duration(Duration::max()) == "2562047:47:16");
 }
 
+TEST_CASE("a duration in words is the one that was read") {
+    struct Row {
+        const char *typed, *words;
+    };
+    for (const Row& row : {Row{"7", "7 seconds"}, Row{"7d", "7 days"}, Row{"24h", "1 day"},
+                           Row{"0", "0 seconds"}, Row{"1h30m", "1 hour 30 minutes"},
+                           Row{"61s", "1 minute 1 second"}, Row{"1.5s", "1.5 seconds"},
+                           Row{"250ms", "0.25 seconds"}, Row{"1m50ms", "1 minute 0.05 seconds"}})
+        CHECK(duration_in_words(*parse_duration(row.typed)) == row.words);
+}
+
 TEST_CASE("one is counted in the singular") {
     CHECK(counted(0, "job") == "0 jobs");
     CHECK(counted(1, "job") == "1 job");

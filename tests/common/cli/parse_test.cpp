@@ -28,7 +28,8 @@ TEST_CASE("a mistake is told as it was typed, with the cure") {
              Row{"", "a command is needed: paint or polish"},
              Row{"piant", "there is no command 'piant' (did you mean 'paint'?)"},
              Row{"sing", "there is no command 'sing'"},
-             Row{"paint --like b", "WALL is missing: fraja-test paint WALL"},
+             Row{"paint --like b", "WALL is missing: fraja-test paint WALL --like ONE.raj"},
+             Row{"paint a", "--like is missing: fraja-test paint WALL --like ONE.raj"},
              Row{"paint a b", "'b' is one argument too many"},
              Row{"paint a --twcie", "there is no option '--twcie' (did you mean '--twice'?)"},
              Row{"paint a --dpeth=3", "there is no option '--dpeth' (did you mean '--depth'?)"},
@@ -54,6 +55,33 @@ TEST_CASE("a mistake is told as it was typed, with the cure") {
         CHECK(early->code == 2);
         CHECK(early->text == "fraja-test: error: " + row.says + " (fraja-test --help)\n");
     }
+}
+
+TEST_CASE("a value that is empty is refused, whichever option it is of") {
+    struct Row {
+        std::vector<std::string> typed;
+        std::string says;
+    };
+    for (const Row& row : {
+             Row{{"polish", "--to", ""}, "--to '': empty, and FILE"},
+             Row{{"polish", "--to="}, "--to '': empty, and FILE"},
+             Row{{"--to=", "polish"}, "--to '': empty, and FILE"},
+             Row{{"polish", "-d", ""}, "-d '': empty, and N"},
+             Row{{"polish", "--mode", ""}, "--mode '': empty, and quick|careful"},
+             Row{{"paint", "a", "--like="}, "--like '': empty, and ONE.raj"},
+         }) {
+        CAPTURE(row.says);
+        Program program;
+        const auto early = parse(program.app, row.typed, program.origins);
+        REQUIRE(early.has_value());
+        CHECK(early->code == 2);
+        CHECK(early->text == "fraja-test: error: " + row.says +
+                                 " is needed; is a variable not set? (fraja-test --help)\n");
+    }
+    setenv("FRAJA_TEST_MODE", "", 1); // by custom that is none
+    const auto early = reads("polish");
+    unsetenv("FRAJA_TEST_MODE");
+    CHECK_FALSE(early.has_value());
 }
 
 TEST_CASE("a mistake in the environment is told as one") {

@@ -76,12 +76,20 @@ TEST_CASE("what cannot be taken from a settings file is named with its place and
               "config.toml:2:1: fraja-worker has no option 'thread' (did you mean 'threads'?)"},
           Row{"[fraja-wrker]\n",
               "config.toml:1:2: there is no program 'fraja-wrker' (did you mean 'fraja-worker'?)"},
+          Row{"[submit]\n",
+              "config.toml:1:2: there is no program 'submit' (did you mean 'fraja-submit'?)"},
+          Row{"[wokrer]\n",
+              "config.toml:1:2: there is no program 'wokrer' (did you mean 'fraja-worker'?)"},
+          Row{"[trousers]\n", "config.toml:1:2: there is no program 'trousers'"},
           Row{"[fraja-worker]\ntag = [[1]]",
               "config.toml:2:8: tag: text, a number, true, false, or a list of such"}}) {
         CAPTURE(row.text);
         CHECK(mistake_in(row.text) == row.want);
     }
     CHECK(mistake_in("broker = \n").starts_with("config.toml:1:10: "));
+    CHECK(mistake_in("broker = 64x48\n").ends_with(" (words are written in quotes: '64x48')"));
+    CHECK(mistake_in("json = true\n\ncolor = never # no\n").ends_with("in quotes: 'never')"));
+    CHECK(mistake_in("color = 'never\n").find("in quotes") == std::string::npos);
 }
 
 TEST_CASE("a settings file is no directory and no larger than its limit") {

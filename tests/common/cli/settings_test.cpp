@@ -94,6 +94,19 @@ TEST_CASE("a setting is checked as what is typed is, and named with its place") 
                                  "/config.toml:2:1: --color sometimes: "));
 }
 
+TEST_CASE("a setting that is empty is refused, as it is where it is typed") {
+    const Folder folder;
+    for (const char* text : {"broker = ''", "broker = ['a', '']"}) {
+        CAPTURE(text);
+        Tool p;
+        const auto exit = cli::parse(p.app, {}, p.origins, {}, {folder.write("config.toml", text)});
+        REQUIRE(exit.has_value());
+        CHECK(exit->code == 2);
+        CHECK(exit->text.starts_with("fraja-submit: error: " + folder.path.string() +
+                                     "/config.toml:1:1: broker = '': empty, and "));
+    }
+}
+
 TEST_CASE("settings are looked for in the user's folder and then in the system's") {
     setenv("XDG_CONFIG_HOME", "/somewhere", 1);
     setenv("HOME", "/home/ada", 1);
