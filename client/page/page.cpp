@@ -2,15 +2,19 @@
 
 #include "client/asking.hpp"
 #include "client/json.hpp"
+#include "client/notices.hpp"
 #include "client/page/routes.hpp"
 #include "client/page/token.hpp"
 #include "common/http/server.hpp"
 #include "common/image_io/picture_codec.hpp"
+#include "common/net/clock.hpp"
 
 #include <chrono>
 #include <cstdio>
 #include <fmt/core.h>
+#include <functional>
 #include <unistd.h>
+#include <utility>
 
 namespace fraja::client {
 namespace {
@@ -45,6 +49,25 @@ private:
     Duration patience_;
     Instant ends_ = Instant::never();
     bool late_ = false;
+};
+
+/// A board that is opened to viewers when a broker is there: else what they look at would be gone
+/// after --connect-timeout.
+class Opening final : public Listener {
+public:
+    Opening(FarmBoard& board, std::function<void()> open) : board_(board), open_(std::move(open)) {}
+    void hear(Instant now, const News& news) override {
+        board_.hear(now, news);
+        if (open_ && std::holds_alternative<ConnectionChanged>(news))
+            std::exchange(open_, nullptr)();
+    }
+    Instant tick(Instant now) override { return board_.tick(now); }
+    void wait_also(std::vector<net::Waitable>& all) const override { board_.wait_also(all); }
+    std::optional<Outcome> wants_to_leave() override { return board_.wants_to_leave(); }
+
+private:
+    FarmBoard& board_;
+    std::function<void()> open_;
 };
 
 class PageProgram {
@@ -99,10 +122,14 @@ private:
             return {ExitCode::usage, "--serve: " + server.error().message};
         address->port = server->address().port;
         routes.emplace(Door(*address, *token), board, views, std::move(control));
-        server->serve();
-        announce(*address, *token);
+        Opening opening(board, [&] {
+            server->serve();
+            announce(*address, *token);
+        });
+        SearchingListener searching(opening, SearchNotice(console_, ProgressMode::plain,
+                                                          options_.shared.brokers, net::now()));
         FarmWatching watching(session_options(options_.shared));
-        return converse(context_, watching, board, signals_);
+        return converse(context_, watching, searching, signals_);
     }
 
     [[nodiscard]] Result<std::string> choose_token(const PageAddress& address) {

@@ -212,4 +212,5 @@ TEST_CASE("a page ends as it is told to, and says why it cannot begin") {
     Process alone =
         start_page(farm.endpoint(), {"--serve", "127.0.0.1:0", "--connect-timeout", "200ms"});
     CHECK(alone.wait_for_exit(patience) == 3);
+    CHECK(alone.out().empty()); // no address of a page that is gone at once
 }
