@@ -259,7 +259,10 @@ TEST_CASE("USR1 writes the state to the log, as often as it is asked for") {
     Farm farm({"--http", "127.0.0.1:0"});
     farm.add_worker("one");
     const std::string id = farm.detach({scene("cone"), "-r", "20x15", "--name", "picture"});
-    wait_for(http_port(farm), "fraja_broker_clients", 0); // fraja-submit's goodbye may come late
+    // What is told may be of before fraja-submit came, and its goodbye may come late.
+    const std::uint16_t port = http_port(farm);
+    wait_for(port, "fraja_broker_jobs_acknowledged_total", 1);
+    wait_for(port, "fraja_broker_clients", 0);
     for (int i = 1; i <= 20; ++i) {
         farm.broker().send(SIGUSR1);
         int seen = 0;
