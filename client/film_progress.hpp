@@ -60,7 +60,7 @@ private:
     PlainPace pace_;
     FilmView view_;
     RateMeter rate_;
-    Remaining remaining_;
+    Remaining remaining_{Remaining::Of::film};
     std::string shown_;
 };
 

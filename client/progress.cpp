@@ -100,7 +100,7 @@ void ProgressMeter::update(const protocol::JobState& s) {
     view_.elapsed = s.elapsed;
 
     if (!rate_.goes_on(s.elapsed, s.rays.total()))
-        rate_ = {}, remaining_ = {}; // another broker, or one without a memory
+        rate_ = {}, remaining_ = Remaining(); // another broker, or one without a memory
     rate_.update(s.elapsed, s.rays.total());
     remaining_.update(s.elapsed, view_.share, share_per_s(s));
     view_.rays_per_s = is_over(s.phase) ? rate_.mean_rays_per_s() : rate_.rays_per_s();

@@ -11,9 +11,11 @@ using namespace std::chrono_literals;
 constexpr Duration first_moment = 1s;   // the pace of the first tiles may be anything
 constexpr Duration standing_still = 3s; // then nobody knows when it goes on
 
-/// Over so long the pace is smoothed: tiles come and go, and other jobs have their turns.
-Duration smoothing(Duration elapsed) {
-    return std::clamp<Duration>(elapsed / 20, 250ms, 20s);
+/// Over so long the pace is smoothed: tiles come and go, and other jobs have their turns. Where a
+/// film's machines go from frame to frame, nothing is known of the pace for a moment.
+Duration smoothing(Duration elapsed, Remaining::Of what) {
+    return what == Remaining::Of::film ? std::clamp<Duration>(elapsed / 5, 1s, 60s)
+                                       : std::clamp<Duration>(elapsed / 20, 250ms, 20s);
 }
 
 } // namespace
@@ -29,7 +31,8 @@ void Remaining::update(Duration elapsed, double share, double share_per_s) {
         return;
     }
     const double old =
-        pace_ > 0 ? std::exp(-seconds(elapsed - paced_at_) / seconds(smoothing(elapsed))) : 0;
+        pace_ > 0 ? std::exp(-seconds(elapsed - paced_at_) / seconds(smoothing(elapsed, what_)))
+                  : 0;
     // By factors: at first, when nobody knows how much it is, the pace may be many times too high.
     pace_ = old > 0 ? std::pow(pace_, old) * std::pow(share_per_s, 1 - old) : share_per_s;
     paced_at_ = elapsed;

@@ -3,6 +3,7 @@
 
 #include "common/base/instant.hpp"
 
+#include <cstdint>
 #include <optional>
 
 namespace fraja::client {
@@ -11,6 +12,8 @@ namespace fraja::client {
 /// job, also when workers have come or gone, and whenever somebody begins to look.
 class Remaining {
 public:
+    enum class Of : std::uint8_t { job, film };
+    explicit Remaining(Of what = Of::job) : what_(what) {}
     /// `share` of the job is done, 0 to 1, at `elapsed`, which grows; and so much more of it each
     /// second, 0 where that is not known. Forget an earlier job by another Remaining.
     void update(Duration elapsed, double share, double share_per_s);
@@ -19,6 +22,7 @@ public:
     [[nodiscard]] std::optional<Duration> left() const;
 
 private:
+    Of what_;
     Duration elapsed_{};
     Duration begun_at_{}; ///< until then nothing was drawn
     Duration paced_at_{}; ///< when there was a pace

@@ -119,6 +119,17 @@ TEST_CASE("workers that come change what remains, those that come and go do not"
     CHECK(left_after(remaining) == doctest::Approx((1 - share + 0.002) / 0.004).epsilon(0.125));
 }
 
+TEST_CASE("a film whose machines go from frame to frame is not thought to stand still") {
+    const auto left_after_gap = [](Remaining::Of what) {
+        Remaining remaining(what);
+        for (int i = 0; i <= 40; ++i) // 100 s of work; for 200 ms a tenth of the pace is known
+            remaining.update(i * 100ms, 0.001 * i, i > 38 ? 0.001 : 0.01);
+        return seconds(remaining.left().value());
+    };
+    CHECK(left_after_gap(Remaining::Of::film) < 1.6 * 96);
+    CHECK(left_after_gap(Remaining::Of::job) > 2 * 96);
+}
+
 TEST_CASE("a pace that was thought to be far too high at first is forgotten within a second") {
     Remaining remaining;
     remaining.update(100ms, 0.01, 3);
