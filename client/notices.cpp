@@ -137,6 +137,11 @@ void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState&
                          ProgressView::percent_of(share_done(job))));
 }
 
+void tell_parting(Console& console, ProgressMode mode, const std::string& text) {
+    console.line(mode == ProgressMode::json ? event_json("goes_on", text)
+                                            : "fraja-submit: " + text);
+}
+
 std::string worker_cure(const std::string& broker) {
     return "fraja-worker -b " + broker + " starts one";
 }

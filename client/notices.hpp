@@ -83,6 +83,9 @@ private:
 void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,
                   JobId submitted);
 
+/// What goes on without this program, and how to look after it: said at every --log-level.
+void tell_parting(Console& console, ProgressMode mode, const std::string& text);
+
 /// How a worker is started for a broker.
 [[nodiscard]] std::string worker_cure(const std::string& broker);
 

@@ -115,10 +115,7 @@ private:
     void update(Instant now, const protocol::JobState& state) {
         progress_.update(state);
         if (!options_.local) // whose worker is on its way
-            wait_.update(now, state,
-                         options_.direct.empty()
-                             ? worker_cure(broker_)
-                             : "none answers yet at " + comma_list(options_.direct));
+            wait_.update(now, state, worker_cure(options_, broker_));
     }
     /// Of those that --direct names, none has been given a tile yet.
     [[nodiscard]] bool waits_for_workers() const {
@@ -344,13 +341,14 @@ private:
             return console_.warning(why + ": no broker has acknowledged the job; if one took it "
                                           "all the same, fraja-watch shows it");
         const std::string id = fraja::to_string(report_.job.job);
-        console_.line(fmt::format("fraja-submit: {}; {} #{} goes on\n"
-                                  "  watch it:   fraja-watch -b {} {}\n"
-                                  "  get it:     fraja-ctl -b {} get {} -o {}\n"
-                                  "  cancel it:  fraja-ctl -b {} cancel --yes {}",
-                                  why, printable(report_.job.job_name), report_.job.number,
-                                  listener.broker(), id, listener.broker(), id,
-                                  printable(options_.output), listener.broker(), id));
+        tell_parting(console_, mode_,
+                     fmt::format("{}; {} #{} goes on\n"
+                                 "  watch it:   fraja-watch -b {} {}\n"
+                                 "  get it:     fraja-ctl -b {} get {} -o {}\n"
+                                 "  cancel it:  fraja-ctl -b {} cancel --yes {}",
+                                 why, printable(report_.job.job_name), report_.job.number,
+                                 listener.broker(), id, listener.broker(), id,
+                                 printable(options_.output), listener.broker(), id));
     }
 
     int end_detached() {

@@ -339,10 +339,7 @@ private:
             const std::lock_guard lock(shared_.mutex);
             if (!running_.empty() && !options_.local) // whose worker is on its way
                 if (const auto& job = running_.begin()->second.state->job)
-                    wait_.update(net::now(), *job,
-                                 options_.direct.empty()
-                                     ? worker_cure(broker_)
-                                     : "none answers yet at " + comma_list(options_.direct));
+                    wait_.update(net::now(), *job, worker_cure(options_, broker_));
             for (const auto& [index, one] : running_) {
                 const bool failed =
                     one.state->outcome && one.state->outcome->code != ExitCode::done;
@@ -491,16 +488,16 @@ private:
         }
         running_.clear();
         console_.end_redraw();
-        console_.line(fmt::format("fraja-submit: {}; of {} {} written, {} not begun: {}",
-                                  outcome.reason, counted(waiting_.size(), "frame"), done_,
-                                  waiting_.size() - begun, way_on()));
-        if (options_.own_farm() || going_on == 0)
-            return;
-        console_.line(fmt::format("  going on:     {}\n"
-                                  "  watch them:   fraja-watch -b {}\n"
-                                  "  cancel them:  for job in{}; do fraja-ctl -b {} cancel --yes "
-                                  "$job; done",
-                                  counted(going_on, "frame"), broker_, ids, broker_));
+        std::string text = fmt::format("{}; of {} {} written, {} not begun: {}", outcome.reason,
+                                       counted(waiting_.size(), "frame"), done_,
+                                       waiting_.size() - begun, way_on());
+        if (!options_.own_farm() && going_on > 0)
+            text += fmt::format("\n  going on:     {}\n"
+                                "  watch them:   fraja-watch -b {}\n"
+                                "  cancel them:  for job in{}; do fraja-ctl -b {} cancel --yes "
+                                "$job; done",
+                                counted(going_on, "frame"), broker_, ids, broker_);
+        tell_parting(console_, mode_, text);
     }
 
     int end(Outcome outcome) {

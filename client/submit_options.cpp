@@ -1,5 +1,6 @@
 #include "client/submit_options.hpp"
 
+#include "client/notices.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/text.hpp"
 #include "common/net/endpoint.hpp"
@@ -495,6 +496,11 @@ std::string broker_text(const SubmitOptions& options) {
     return options.local            ? "none: in this process"
            : options.direct.empty() ? options.brokers_asked()
                                     : "none: workers at " + comma_list(options.direct);
+}
+
+std::string worker_cure(const SubmitOptions& options, const std::string& broker) {
+    return options.direct.empty() ? worker_cure(broker)
+                                  : "none answers yet at " + comma_list(options.direct);
 }
 
 std::string why_no_worker(const SubmitOptions& options) {

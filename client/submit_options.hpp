@@ -49,6 +49,9 @@ struct SubmitOptions {
 /// For people: who would be asked, or who draws without a broker.
 [[nodiscard]] std::string broker_text(const SubmitOptions& options);
 
+/// What to do where no worker is at the job, or whom it waits for.
+[[nodiscard]] std::string worker_cure(const SubmitOptions& options, const std::string& broker);
+
 /// Why a job with --direct is given up, for people.
 [[nodiscard]] std::string why_no_worker(const SubmitOptions& options);
 

@@ -7,6 +7,8 @@
 #include <csignal>
 #include <fstream>
 #include <netinet/in.h>
+#include <nlohmann/json.hpp>
+#include <sstream>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -541,4 +543,13 @@ TEST_CASE("a client that is told to end says so by its exit code, and the job go
         CHECK(contains(client.err(), "fraja-watch"));
         CHECK(contains(client.err(), "fraja-ctl"));
     }
+    Process read = farm.start_submit(
+        {scene("cone"), "-r", "8x6", "-o", scratch.file("x.png"), "--progress", "json"});
+    REQUIRE(read.wait_for_words(Process::Stream::err, "\"accepted\"", patience).has_value());
+    read.send(SIGINT);
+    CHECK(read.wait_for_exit(patience) == 130);
+    CHECK(contains(read.err(), "\"goes_on\""));
+    std::istringstream lines(read.err());
+    for (std::string line; std::getline(lines, line);)
+        CHECK(nlohmann::json::accept(line));
 }
