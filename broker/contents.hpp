@@ -26,6 +26,7 @@ struct StoredTile {
 struct StoredJob {
     protocol::SubmitJob submission; ///< with the priority that it has now
     std::uint32_t number = 0, passes = 1;
+    protocol::Revision revision{};
     protocol::JobPhase phase{};
     std::string reason;
     Duration elapsed{};               ///< as the phase came with

@@ -83,6 +83,15 @@ void Dispatcher::log_deed(const Job& job, JobDeed deed) {
          .text = described(job) + " " + done});
 }
 
+void Dispatcher::set_priority(Job& job, std::int32_t priority) {
+    job.priority = priority;
+    look_ready(job);
+    log_deed(job, JobDeed::set_priority);
+    note_change(job);
+    if (job.is_kept)
+        persist(PutPriority{job.id(), job.priority, job.revision}, {.job = job.id()});
+}
+
 void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
     Job* job = job_of(control.job);
     if (!job || is_order(*job))
@@ -114,11 +123,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
             return send(peer, *refused);
         break;
     case JobDeed::set_priority:
-        job->priority = control.priority;
-        look_ready(*job);
-        log_deed(*job, control.deed);
-        if (job->is_kept)
-            persist(PutPriority{job->id(), job->priority}, {.job = job->id()});
+        set_priority(*job, control.priority);
         break;
     }
     if (objection)
@@ -171,6 +176,11 @@ void Dispatcher::set_credit(const PeerId& peer, WorkerSession& worker, std::uint
     change_room(peer, worker, [&] { worker.credit = credit; });
 }
 
+void Dispatcher::set_tells_by(const PeerId& peer, WorkerSession& worker,
+                              std::optional<Instant> tells_by) {
+    change_room(peer, worker, [&] { worker.tells_by = tells_by; });
+}
+
 namespace {
 
 /// Of workers, or of workers that are gone: those of that name, or else whose ids begin like that.
@@ -217,7 +227,10 @@ void Dispatcher::control_worker(const PeerId& peer, const ControlWorker& control
     case WorkerDeed::kick:
         break;
     }
-    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}, {}});
+    if (!follows_) {
+        send(peer, FarmState{term().counter, {}, {worker_state(worker)}, {}});
+        tell_all(ControlWorker{to_string(worker.hello.worker), control.deed});
+    }
     if (control.deed == WorkerDeed::kick) {
         send(worker_peer, Dismissed{"dismissed by a client"});
         end_worker(workers_.find(worker_peer), Departure::said_goodbye, "it was dismissed");
@@ -255,7 +268,9 @@ void Dispatcher::undrain_absent(const PeerId& peer, const std::string& what) {
          .kind = "worker_undrained",
          .subject = worker.hello.worker_name,
          .text = "worker " + worker.hello.worker_name + " gets tiles again when it comes back"});
-    send(peer, FarmState{identity_.epoch, {}, {worker_state(worker)}, {}});
+    send(peer, FarmState{term().counter, {}, {worker_state(worker)}, {}});
+    if (!follows_)
+        tell_all(ControlWorker{to_string(worker.hello.worker), WorkerDeed::undrain});
 }
 
 /// Too many within a while, and it gets nothing for as long; but for the last one that there is.

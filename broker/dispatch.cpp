@@ -344,7 +344,8 @@ void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job,
                      .scene = s.scene,
                      .scene_bytes = s.scene_bytes,
                      .settings = s.settings,
-                     .probe_side = probe_side};
+                     .probe_side = probe_side,
+                     .term = term()};
     if (const auto ordered = orders_.find(job.id()); ordered != orders_.end())
         order.settings.crop = ordered->second.crop;
     send(peer, std::move(order));

@@ -8,14 +8,29 @@
 namespace fraja::broker {
 
 Dispatcher::Dispatcher(Identity identity, Limits limits)
-    : identity_(std::move(identity)), limits_(limits), fetch_times_(limits.fetch_times_max),
-      blobs_(limits.blob_bytes_max) {}
+    : identity_(std::move(identity)), limits_(limits),
+      membership_(
+          {identity_.unix_offset + (identity_.started_at - Instant{}), identity_.broker},
+          {.patience = from_seconds(limits.peer_patience_beats * seconds(limits.heartbeat)),
+           .patience_max = from_seconds(2 * limits.peer_patience_beats * seconds(limits.heartbeat)),
+           .counter_min = identity_.epoch},
+          identity_.peers.empty(), identity_.started_at),
+      fetch_times_(limits.fetch_times_max), blobs_(limits.blob_bytes_max) {
+    for (const std::string& endpoint : identity_.peers)
+        lines_[endpoint].is_configured = true;
+}
 
 void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
     actions_ = &actions;
     note_own_absence(now - now_);
     now_ = std::max(now_, now);
+    look_who_leads();
     std::visit([this](const auto& e) { on(e); }, event);
+    look_who_leads();
+    if (now_ >= next_company_ && !is_alone()) {
+        next_company_ = now_ + limits_.heartbeat / limits_.peer_beats;
+        keep_company();
+    }
     if (now_ >= next_sweep_) {
         next_sweep_ = now_ + limits_.heartbeat / 2;
         drop_silent_peers();
@@ -26,8 +41,11 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         forget_absent_workers();
         add_up_capacity();
     }
-    end_jobs_whose_time_is_up();
-    dispatch();
+    if (deals_out()) {
+        end_jobs_whose_time_is_up();
+        dispatch();
+    }
+    tell_changes();
     if (now_ >= next_digest_) {
         next_digest_ = now_ + limits_.digest_interval;
         publish_digests();
@@ -49,11 +67,15 @@ void Dispatcher::change_limits(const Limits& limits) {
 
 Instant Dispatcher::next_deadline() const {
     Instant deadline = next_sweep_;
-    if (!deadlines_.empty())
+    if (!is_alone())
+        deadline = std::min({deadline, next_company_, membership_.next_deadline(now_),
+                             gathers_until_.value_or(Instant::never())});
+    if (!deadlines_.empty() && deals_out())
         deadline = std::min(deadline, deadlines_.begin()->first);
-    if (!store_is_behind() && speed_.is_known() && somebody_is_idle() && somebody_has_tiles())
+    if (deals_out() && !store_is_behind() && speed_.is_known() && somebody_is_idle() &&
+        somebody_has_tiles())
         deadline = std::min(deadline, next_overbook_);
-    if (!free_workers_.empty() && !store_is_behind())
+    if (deals_out() && !free_workers_.empty() && !store_is_behind())
         deadline = std::min(deadline, held_back_until_);
     const bool digests = std::ranges::any_of(subscribed_jobs_, [this](const JobId& id) {
         const auto found = jobs_.find(id);
@@ -76,7 +98,7 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
             std::to_string(worker.grants.size()) + " of " + counted(worker.credit, "tile") +
             " in flight, " + std::to_string(worker.tiles_done) + " done");
     for (const auto& [number, id] : job_by_number_) {
-        const auto state = jobs_.at(id).state(identity_.epoch, now);
+        const auto state = jobs_.at(id).state(term().counter, now);
         lines.push_back("job #" + std::to_string(number) + " " + state.job_name + " " +
                         to_string(id) + ": " + std::to_string(state.done_count) + " of " +
                         counted(state.cell_count, "cell") + ", " +
@@ -85,8 +107,11 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
     return lines;
 }
 
+/// A job that came from another broker has no client here: what would be for it is for nobody.
 void Dispatcher::send(const PeerId& peer, protocol::Message message) {
     FRAJA_ASSERT(actions_ != nullptr);
+    if (peer.empty())
+        return;
     actions_->push_back(Send{peer, std::move(message)});
 }
 

@@ -8,6 +8,7 @@
 #include "broker/figures.hpp"
 #include "broker/job.hpp"
 #include "broker/limits.hpp"
+#include "broker/membership.hpp"
 #include "broker/ready_jobs.hpp"
 #include "broker/speed.hpp"
 #include "common/base/ids.hpp"
@@ -31,11 +32,13 @@ class Dispatcher {
 public:
     struct Identity {
         BrokerId broker;
-        std::uint64_t epoch = 0;
-        std::string stream; ///< endpoint of the stream, told to every peer
-        bool keeps = false; ///< there is a store: what is persisted is Stored
+        std::uint64_t epoch = 0; ///< the least counter of its terms
+        std::string stream;      ///< endpoint of the stream, told to every peer
+        bool keeps = false;      ///< there is a store: what is persisted is Stored
         Instant started_at{};
-        Duration unix_offset{}; ///< since 1970, at Instant{}
+        Duration unix_offset{};           ///< since 1970, at Instant{}
+        std::string endpoint{};           ///< where others reach it; empty: that is not known
+        std::vector<std::string> peers{}; ///< endpoints of brokers that stand for this one
     };
 
     Dispatcher(Identity identity, Limits limits);
@@ -57,6 +60,9 @@ public:
     [[nodiscard]] Figures figures() const;
     /// The wall clock, which may be set while the broker runs.
     void set_unix_offset(Duration offset) { identity_.unix_offset = offset; }
+    [[nodiscard]] const Membership& membership() const { return membership_; }
+    /// Whether it hands out tiles: it leads, and knows what the workers have in hand.
+    [[nodiscard]] bool deals_out() const { return membership_.leads() && !gathers_until_; }
     /// Those that nobody has been told of, and nothing is as large as: lease, attempts_max,
     /// quarantine and keep. The others stay.
     void change_limits(const Limits& limits);
@@ -83,6 +89,7 @@ private:
         bool cancelled = false;
         bool overtaken = false;     ///< one that came later has been traced: so it has begun
         bool fetches_scene = false; ///< it is the worker's first one of that scene
+        bool adopted = false;       ///< another broker gave it
 
         [[nodiscard]] bool has_begun() const { return rays > 0 || overtaken; }
     };
@@ -101,10 +108,13 @@ private:
         std::optional<Instant> quarantined_until;
         std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
+        std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
+        /// It has not said yet what others have given it, and gets nothing before that.
+        std::optional<Instant> tells_by;
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
-            return drained || quarantined_until ? 0 : credit;
+            return drained || quarantined_until || tells_by ? 0 : credit;
         }
     };
     struct ClientSession {
@@ -122,6 +132,81 @@ private:
         bool over = false;
     };
     using Orders = std::map<JobId, OpenOrder>;
+
+    // peers.cpp: the other brokers
+    /// By which a message came, and its answer goes back.
+    struct Route {
+        bool is_dialled = false;
+        std::string name; ///< an endpoint, or a PeerId
+    };
+    struct Line { ///< that was dialled
+        bool is_configured = false;
+        std::optional<BrokerId> broker; ///< who is there, as far as is known
+        Instant hello_at{};             ///< the last one
+    };
+    struct Colleague {
+        std::optional<PeerId> peer;       ///< by which it has come here
+        bool was_here = false;            ///< and that was said
+        bool is_compared = false;         ///< it had nothing that was not here, once
+        Instant compare_at{};             ///< not before
+        std::map<JobId, Instant> repairs; ///< asked for, and not answered
+        std::set<JobId> repaired;         ///< answered in full
+    };
+    [[nodiscard]] bool is_alone() const { return lines_.empty() && colleagues_.empty(); }
+    [[nodiscard]] protocol::Term term() const { return membership_.term(); }
+    void on(const BrokerSaid& event);
+    void meet_broker(const PeerId& peer, const protocol::BrokerHello& hello);
+    void dial(const std::string& endpoint, bool is_configured);
+    void consider_dialling(const protocol::Member& member);
+    [[nodiscard]] protocol::BrokerHello own_hello() const;
+    [[nodiscard]] protocol::BrokerBeat own_beat() const;
+    void say_hello(const std::string& endpoint, Line& line);
+    void answer(const Route& route, protocol::Message message);
+    void tell(const BrokerId& broker, protocol::Message message);
+    void tell_all(const protocol::Message& message);
+    [[nodiscard]] std::optional<Route> route_to(const BrokerId& broker) const;
+    void from_broker(const BrokerId& broker, const Route& route, const protocol::Message& message);
+    void keep_company();
+    void note_who_is_here();
+    void forget_brokers_that_are_gone();
+    [[nodiscard]] std::vector<protocol::Member> members() const;
+    [[nodiscard]] std::string endpoint_of(const BrokerId& broker) const;
+    [[nodiscard]] std::vector<protocol::PeerState> peer_states() const;
+    void tell_of_brokers();
+
+    // replication.cpp: what they have that is not here, and the reverse
+    [[nodiscard]] protocol::JobRecord record_of(const Job& job) const;
+    [[nodiscard]] protocol::JobDigests job_digests() const;
+    [[nodiscard]] std::uint64_t digest() const;
+    void note_change(Job& job);
+    void tell_changes();
+    void compare(const BrokerId& broker, const protocol::JobDigests& theirs);
+    void ask_for_cells(const BrokerId& broker, const Job& job);
+    void take_record(const BrokerId& broker, const protocol::JobRecord& record);
+    void adopt_job(const BrokerId& broker, const protocol::JobRecord& record);
+    void settle(Job& job);
+    void follow(Job& job, const protocol::JobRecord& record);
+    void give_number(Job& job, std::uint32_t number);
+    void settle_numbers();
+    void note_copy(const BrokerId& broker, const JobId& job);
+    [[nodiscard]] bool needs_copy(const Job& job) const;
+    void acknowledge_if_safe(Job& job);
+    void take_tile(const protocol::TileDone& tile);
+    void repair_done(const BrokerId& broker, const protocol::RepairDone& done);
+    void fetch_scene(const ContentHash& scene, const BrokerId& from);
+    void fetch_scenes_anew();
+    void take_scene_chunk(const BrokerId& broker, const protocol::Chunk& chunk);
+    void discard(const JobId& job);
+
+    // takeover.cpp: who leads
+    void look_who_leads();
+    void begin_to_lead();
+    void end_gathering();
+    void stop_leading();
+    void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
+    void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
+    void wait_no_longer_for_silent_workers();
+    void take_witnessed(const std::string& worker_name, const protocol::TileRendered& answer);
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
@@ -184,6 +269,7 @@ private:
 
     // control.cpp: what people want of jobs and workers, and what we want of workers that fail
     void control_job(const PeerId& peer, const protocol::ControlJob& control);
+    void set_priority(Job& job, std::int32_t priority);
     void log_deed(const Job& job, protocol::JobDeed deed);
     [[nodiscard]] std::optional<std::string> pause(Job& job);
     [[nodiscard]] std::optional<std::string> resume(Job& job);
@@ -228,6 +314,7 @@ private:
     void change_room(const PeerId& peer, WorkerSession& worker, const auto& deed);
     void release_shares(const WorkerId& worker);
     void set_credit(const PeerId& peer, WorkerSession& worker, std::uint32_t credit);
+    void set_tells_by(const PeerId& peer, WorkerSession& worker, std::optional<Instant> tells_by);
     void count_capacity(WorkerSession& worker);
     void add_up_capacity();
 
@@ -282,6 +369,8 @@ private:
     void learn_speed(WorkerSession& worker, double rays, Duration elapsed);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
+    void take_result(Job& job, OpenTileId id, const Tile& tile, double work,
+                     std::shared_ptr<const protocol::TileDone> result);
     void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);
     void take_back_probe(Job& job, bool counts, const std::string& why);
     bool count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
@@ -309,7 +398,7 @@ private:
     };
     void persist(Write write, Unstored what);
     void keep_job(Job& job);
-    void keep_phase(const Job& job);
+    void keep_phase(Job& job);
     void keep_newest_result(const Job& job);
     [[nodiscard]] bool store_is_behind() const {
         return !store_trouble_.empty() || unstored_bytes_ > limits_.unstored_bytes_max;
@@ -338,7 +427,9 @@ private:
     [[nodiscard]] protocol::WorkerState brief_state(const WorkerSession& worker) const;
     [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
-    void repair(const PeerId& peer, const protocol::Repair& repair);
+    /// Of tiles that came until then.
+    void repair(const PeerId& peer, const protocol::Repair& repair,
+                Instant until = Instant::never());
     [[nodiscard]] bool wants_digest(const Job& job) const;
 
     // figures.cpp: in numbers
@@ -351,6 +442,27 @@ private:
     Identity identity_;
     Limits limits_;
     Counters counters_;
+
+    Membership membership_;
+    std::map<std::string, Line> lines_;   ///< by endpoint
+    std::set<std::string> own_endpoints_; ///< that turned out to lead here
+    std::map<BrokerId, Colleague> colleagues_;
+    std::map<PeerId, BrokerId> brokers_by_peer_;
+    std::vector<protocol::Member> told_members_; ///< the last that were told
+    Instant next_company_{};
+    std::optional<Instant> gathers_until_; ///< while workers say what they have in hand
+    bool follows_ = false;                 ///< what another broker has said: it is not said again
+    std::set<JobId> changed_jobs_;         ///< in this step
+    struct Fetch {
+        BrokerId from;
+        Instant asked_at;
+    };
+    std::map<ContentHash, Fetch> fetches_; ///< of scenes, from other brokers
+    struct InHand {
+        std::uint32_t tiles = 0, workers = 0;
+    };
+    std::map<JobId, InHand> in_hand_; ///< of all workers
+    std::uint32_t parties_ = 0;       ///< that there ever were
 
     Workers workers_;
     std::map<WorkerId, PeerId> peer_of_worker_;

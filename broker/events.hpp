@@ -47,6 +47,11 @@ struct PeerSpokeRubbish {
 struct PeerUnreachable {
     PeerId peer;
 };
+/// By a connection that was dialled.
+struct BrokerSaid {
+    std::string endpoint;
+    protocol::Message message;
+};
 struct TopicSubscribed {
     std::string topic;
 };
@@ -82,7 +87,7 @@ struct OrderWithdrawn {
     JobId id;
 };
 
-using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, TopicSubscribed,
+using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, BrokerSaid, TopicSubscribed,
                            TopicUnsubscribed, Tick, Restored, Stored, StoreFails, StoreWorks,
                            SceneLoaded, Ordered, OrderWithdrawn>;
 
@@ -90,6 +95,18 @@ using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, TopicSub
 
 struct Send {
     PeerId peer;
+    protocol::Message message;
+};
+/// Connect to another broker, as a client does, and stay so until HangUp.
+struct Dial {
+    std::string endpoint;
+};
+struct HangUp {
+    std::string endpoint;
+};
+/// To a broker that was dialled; lost, where there is no connection at the moment.
+struct Tell {
+    std::string endpoint;
     protocol::Message message;
 };
 struct Publish {
@@ -133,7 +150,7 @@ struct OrderFailed {
 };
 using Log = LogLine;
 
-using Action =
-    std::variant<Send, Publish, Persist, SendStored, LoadScene, OrderFilled, OrderFailed, Log>;
+using Action = std::variant<Send, Dial, HangUp, Tell, Publish, Persist, SendStored, LoadScene,
+                            OrderFilled, OrderFailed, Log>;
 
 } // namespace fraja::broker

@@ -240,6 +240,7 @@ std::uint64_t Job::mark_done(const Tile& tile, double work) {
     (void)grid_.all_of(tile.cells, [&](std::uint64_t cell) {
         if (!done_.test(bit(tile, cell))) {
             done_.set(bit(tile, cell));
+            done_hash_ ^= Rng(bit(tile, cell)).next();
             fresh.push_back(cell);
         }
         return true;
@@ -256,14 +257,15 @@ std::uint64_t Job::mark_done(const Tile& tile, double work) {
 }
 
 std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double work,
-                                       std::shared_ptr<const protocol::TileDone> result) {
+                                       std::shared_ptr<const protocol::TileDone> result,
+                                       Instant came_at) {
     const std::uint64_t fresh = mark_done(tile, work);
     FRAJA_ASSERT(fresh > 0);
     done_count_ += fresh;
     results_pixels_ += rect(tile).pixel_count();
     rays_ += result->rays;
     render_time_ += std::min(result->elapsed, Duration::max() - render_time_);
-    results_.push_back({tile, std::move(result)});
+    results_.push_back({tile, std::move(result), came_at});
 
     std::vector<OpenTileId> over;
     const auto answered = open_.find(id);
@@ -284,6 +286,13 @@ std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double w
     return unwanted;
 }
 
+std::optional<Tile> Job::tile_at(std::uint32_t pass, const PixelRect& rect) const {
+    const auto cells = grid_.cells(rect);
+    return cells && pass < passes_ && (!is_fixed() || cells->count() == 1)
+               ? std::optional(Tile{pass, *cells})
+               : std::nullopt;
+}
+
 bool Job::restore(const StoredTile& stored) {
     const auto cells = grid_.cells(stored.rect);
     if (!cells || stored.pass >= passes_ || index({stored.pass, *cells}) != stored.tile)
@@ -296,7 +305,7 @@ bool Job::restore(const StoredTile& stored) {
     results_pixels_ += stored.rect.pixel_count();
     rays_ += stored.rays;
     render_time_ += std::clamp(stored.elapsed, Duration::zero(), Duration::max() - render_time_);
-    results_.push_back({tile, nullptr});
+    results_.push_back({tile, nullptr, {}});
     return true;
 }
 
@@ -306,12 +315,70 @@ void Job::end_restoring() {
         revive();
 }
 
+namespace {
+
+/// What of `cells` lies outside of `taken`.
+std::vector<CellRect> outside(const CellRect& cells, const CellRect& taken) {
+    const std::uint32_t right = cells.column + cells.width, bottom = cells.row + cells.height;
+    const std::uint32_t x0 = std::max(cells.column, taken.column),
+                        x1 = std::min(right, taken.column + taken.width),
+                        y0 = std::max(cells.row, taken.row),
+                        y1 = std::min(bottom, taken.row + taken.height);
+    std::vector<CellRect> rest{{cells.column, cells.row, cells.width, y0 - cells.row},
+                               {cells.column, y1, cells.width, bottom - y1},
+                               {cells.column, y0, x0 - cells.column, y1 - y0},
+                               {x1, y0, right - x1, y1 - y0}};
+    std::erase_if(rest, [](const CellRect& r) { return r.count() == 0; });
+    return rest;
+}
+
+} // namespace
+
+OpenTileId Job::adopt(const Tile& tile, const Assignment& assignment) {
+    if (all_cells_done(tile))
+        return OpenTileId::none;
+    overlapping_ = true;
+    std::vector<OpenTileId> pending;
+    for (const auto& [id, other] : open_)
+        if (!other.assignment && other.tile.pass == tile.pass &&
+            overlap(other.tile.cells, tile.cells))
+            pending.push_back(id);
+    for (const OpenTileId id : pending) {
+        const bool is_urgent = std::ranges::find(requeued_, id) != requeued_.end();
+        OpenTile part = open_.at(id);
+        close(id);
+        part.whole = OpenTileId::none;
+        part.parts = 0;
+        part.covered = false;
+        for (const CellRect& rest : outside(part.tile.cells, tile.cells)) {
+            part.tile.cells = rest;
+            const OpenTileId rest_id = open(part);
+            if (is_urgent)
+                requeued_.push_front(rest_id);
+            else
+                push_pending(rest_id);
+        }
+    }
+    if (is_fixed())
+        adopted_.insert(bit(tile, grid_.index(tile.cells)));
+    const OpenTileId id = open({.tile = tile,
+                                .work = costs_.work(tile.cells),
+                                .assignment = assignment,
+                                .was_assigned = true});
+    ++in_flight_count_;
+    party_->add(assignment.peer);
+    work_in_flight_ += open_.at(id).work;
+    ++workers_[assignment.peer];
+    return id;
+}
+
 std::vector<Job::Unwanted> Job::drop_unfinished() {
     std::vector<Unwanted> unwanted;
     for (const auto& [id, tile] : open_)
         if (tile.assignment)
             unwanted.push_back({tile.tile, *tile.assignment, id});
     fresh_ = fresh_end_;
+    adopted_.clear();
     open_.clear();
     requeued_.clear();
     pending_.clear();

@@ -52,6 +52,7 @@ public:
     [[nodiscard]] const protocol::SubmitJob& submission() const { return submission_; }
     [[nodiscard]] const JobId& id() const { return submission_.job; }
     [[nodiscard]] std::uint32_t number() const { return number_; }
+    void set_number(std::uint32_t number) { number_ = number; }
     /// Who submitted it, and is asked for the scene.
     [[nodiscard]] const PeerId& client() const { return client_; }
     void set_client(PeerId client) { client_ = std::move(client); }
@@ -72,6 +73,13 @@ public:
     }
     [[nodiscard]] PixelRect rect(const Tile& tile) const { return grid_.pixels(tile.cells); }
     [[nodiscard]] bool all_cells_done(const Tile& tile) const;
+    /// Of all passes.
+    [[nodiscard]] const protocol::Bitmap& done() const { return done_; }
+    [[nodiscard]] std::uint64_t done_count() const { return done_count_; }
+    /// As in protocol::JobDigest.
+    [[nodiscard]] std::uint64_t done_hash() const { return done_hash_; }
+    /// Nothing: it is none of this job.
+    [[nodiscard]] std::optional<Tile> tile_at(std::uint32_t pass, const PixelRect& rect) const;
     [[nodiscard]] const Tile& tile(OpenTileId id) const { return open_.at(id).tile; }
     /// Everything that is wanted: of a job whose time is up one pass.
     [[nodiscard]] bool all_done() const {
@@ -162,16 +170,21 @@ public:
     /// Some cell of it has been at two workers at once.
     [[nodiscard]] bool was_overbooked() const { return overlapping_; }
 
+    /// A worker has a tile in hand that another broker gave it. What is pending of its cells is
+    /// not any more. None: all of it is done.
+    [[nodiscard]] OpenTileId adopt(const Tile& tile, const Assignment& assignment);
+
     /// What is not needed any more: it is at that worker.
     struct Unwanted {
         Tile tile;
         Assignment assignment;
         OpenTileId id{};
     };
-    /// An answer has come, for a tile with at least one cell that is not done. `work`: what it was,
-    /// as in CostMap.
+    /// An answer has come, for a tile with at least one cell that is not done; for one that was
+    /// not handed out here (none), too. `work`: what it was, as in CostMap.
     [[nodiscard]] std::vector<Unwanted> finish(OpenTileId id, const Tile& tile, double work,
-                                               std::shared_ptr<const protocol::TileDone> result);
+                                               std::shared_ptr<const protocol::TileDone> result,
+                                               Instant came_at = {});
     /// Nothing is pending or assigned any more. What was assigned.
     [[nodiscard]] std::vector<Unwanted> drop_unfinished();
     /// What is not done is pending again, and its failures are forgotten. After drop_unfinished().
@@ -181,6 +194,7 @@ public:
     struct Result {
         Tile tile;
         std::shared_ptr<const protocol::TileDone> pixels;
+        Instant came_at{};
     };
     [[nodiscard]] const std::vector<Result>& results() const { return results_; }
     void release_pixels(std::size_t result) { results_.at(result).pixels.reset(); }
@@ -231,6 +245,17 @@ public:
     std::optional<WorkerId> scene_fault_found_by; ///< the first of the two that it takes
     /// Since when tiles are left to those who have the scene: once, and not for long.
     std::optional<Instant> held_since;
+
+    // ---------------------------------------------------------------------------- several brokers
+    protocol::Revision revision{};
+    bool is_stored = false;              ///< while it is being kept: here it is
+    bool is_adopted = false;             ///< it came from another broker
+    std::set<BrokerId> copies;           ///< who has said to have kept it
+    std::set<BrokerId> waiting_for_copy; ///< who is to be told when it is kept here
+    Instant copied_by{}; ///< while it is being kept: then it is acknowledged without copies
+    std::uint32_t number_wanted = 0; ///< another job has it at the moment; 0: it has its own
+    /// A newer word about it that cannot be followed yet: its scene or tiles are still to come.
+    std::optional<protocol::JobRecord> awaited;
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
     [[nodiscard]] Duration render_time() const { return render_time_; }
@@ -318,8 +343,9 @@ private:
     std::vector<Result> results_;
     std::uint64_t first_pass_left_; ///< its cells that are not done
     bool time_is_up_ = false;
-    std::uint64_t done_count_ = 0, results_pixels_ = 0;
-    std::size_t ranked_at_ = 0; ///< results when pending tiles were last ranked
+    std::uint64_t done_count_ = 0, results_pixels_ = 0, done_hash_ = 0;
+    std::set<std::size_t> adopted_; ///< bits of fixed tiles that are not fresh, as others gave them
+    std::size_t ranked_at_ = 0;     ///< results when pending tiles were last ranked
     protocol::Rays rays_;
     Duration render_time_{};
 };

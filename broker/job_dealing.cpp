@@ -31,7 +31,7 @@ OpenTileId Job::next_fixed() {
     while (fresh_ < fresh_end_) {
         const auto pass = static_cast<std::uint32_t>(fresh_ / grid_.count());
         const Tile tile{pass, grid_.at(order_[fresh_++ % grid_.count()])};
-        if (!all_cells_done(tile))
+        if (!all_cells_done(tile) && !adopted_.contains(bit(tile, grid_.index(tile.cells))))
             return open({.tile = tile, .work = costs_.work(tile.cells)});
     }
     return OpenTileId::none;

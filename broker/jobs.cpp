@@ -163,11 +163,11 @@ std::optional<std::string> Dispatcher::objection_to_film(const Wishes& wishes) c
 std::shared_ptr<Party> Dispatcher::party_of(const Job& job) {
     const Wishes& wishes = job.submission().wishes;
     if (wishes.film == FilmId{})
-        return std::make_shared<Party>(job.number(), wishes);
+        return std::make_shared<Party>(++parties_, wishes);
     std::weak_ptr<Party>& film = films_[wishes.film];
     std::shared_ptr<Party> party = film.lock();
     if (!party)
-        film = party = std::make_shared<Party>(job.number(), wishes);
+        film = party = std::make_shared<Party>(++parties_, wishes);
     return party;
 }
 
@@ -224,7 +224,7 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
     job_by_number_[++last_number_] = job.id();
     if (blobs_.complete(submission.scene)) {
         keep_job(job);
-        return send(peer, state_of(job));
+        return job.acknowledged_at ? void() : send(peer, state_of(job));
     }
     send(peer, state_of(job));
     const bool somebody_sends_it = std::ranges::any_of(jobs_, [&](const auto& entry) {
@@ -280,6 +280,10 @@ void Dispatcher::give_up_scenes_that_do_not_come() {
     for (auto stuck = jobs_.end();
          (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();) {
         Job& job = stuck->second;
+        if (job.is_adopted) { // nobody was told that it is kept
+            discard(JobId(job.id()));
+            continue;
+        }
         give_up_scene(job, "its client did not send the scene");
         send(job.client(), state_of(job));
     }
@@ -331,13 +335,9 @@ void Dispatcher::bring_scene(const ContentHash& scene, const Blob& bytes) {
 
 /// Their scene is here, whoever has brought it.
 void Dispatcher::begin_jobs_of(const ContentHash& scene) {
-    for (auto& [id, job] : jobs_) {
-        if (!is_waiting_for_scene(job) || job.submission().scene != scene)
-            continue;
-        keep_job(job);
-        if (job.acknowledged_at)
-            send(job.client(), state_of(job));
-    }
+    for (auto& [id, job] : jobs_)
+        if (is_waiting_for_scene(job) && job.submission().scene == scene)
+            keep_job(job);
 }
 
 void Dispatcher::give_chunk(const PeerId& peer, WorkerSession& worker, const NeedChunk& need) {
@@ -362,7 +362,7 @@ void Dispatcher::want_probe(Job& job) {
 void Dispatcher::acknowledge(Job& job) {
     job.phase = JobPhase::queued;
     job.acknowledged_at = now_;
-    ++counters_.jobs_acknowledged;
+    counters_.jobs_acknowledged += job.is_adopted ? 0 : 1;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     const SubmitJob& s = job.submission();
@@ -477,6 +477,8 @@ void Dispatcher::forget(JobId id) {
         blobs_.release(job.submission().scene);
     if (job.is_kept)
         persist(ForgetJob{id}, {.job = id});
+    if (!follows_)
+        tell_all(JobForgotten{id});
     bury(id);
     job_by_number_.erase(job.number());
     const FilmId film = job.submission().wishes.film;

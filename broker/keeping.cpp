@@ -42,17 +42,27 @@ void Dispatcher::persist(Write write, Unstored what) {
 
 /// Its scene is here. It is acknowledged when it is in the store, if there is one.
 void Dispatcher::keep_job(Job& job) {
-    if (!identity_.keeps)
-        return acknowledge(job);
     const SubmitJob& s = job.submission();
-    job.is_kept = job.is_being_kept = true;
-    persist(PutBlob{s.scene, blobs_.chunks(s.scene)}, {.job = job.id()});
-    persist(PutJob{s, job.number(), job.passes()}, {.job = job.id(), .acknowledges = true});
+    job.is_being_kept = true;
+    job.copied_by = now_ + limits_.copy_patience;
+    if (!job.is_adopted)
+        note_change(job);
+    if (!identity_.keeps) {
+        job.is_stored = true;
+        return acknowledge_if_safe(job);
+    }
+    job.is_kept = true;
+    if (blobs_.complete(s.scene))
+        persist(PutBlob{s.scene, blobs_.chunks(s.scene)}, {.job = job.id()});
+    persist(PutJob{s, job.number(), job.passes(), job.revision},
+            {.job = job.id(), .acknowledges = true});
 }
 
-void Dispatcher::keep_phase(const Job& job) {
+/// It has changed.
+void Dispatcher::keep_phase(Job& job) {
+    note_change(job);
     if (job.is_kept)
-        persist(PutPhase{job.id(), job.phase, job.reason, state_of(job).elapsed},
+        persist(PutPhase{job.id(), job.phase, job.reason, state_of(job).elapsed, job.revision},
                 {.job = job.id()});
 }
 
@@ -72,11 +82,9 @@ void Dispatcher::on(const Stored& event) {
             continue;
         if (stored.result)
             job->release_pixels(*stored.result);
-        if (stored.acknowledges)
-            job->is_being_kept = false;
-        if (stored.acknowledges && !is_over(job->phase)) {
-            acknowledge(*job);
-            send(job->client(), state_of(*job));
+        if (stored.acknowledges) {
+            job->is_stored = true;
+            acknowledge_if_safe(*job);
         }
     }
 }
@@ -104,7 +112,7 @@ void Dispatcher::on(const StoreWorks&) {
 }
 
 JobState Dispatcher::state_of(const Job& job) const {
-    JobState state = job.state(identity_.epoch, now_, begun(job));
+    JobState state = job.state(term().counter, now_, begun(job));
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
@@ -155,6 +163,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     Job& job = jobs_.emplace(id, Job(stored.submission, stored.number, {})).first->second;
     job.join(party_of(job));
     job.set_passes(stored.passes);
+    job.revision = stored.revision;
     job_by_number_[stored.number] = id;
     last_number_ = std::max(last_number_, stored.number);
     job.is_kept = true;

@@ -70,6 +70,18 @@ struct Limits {
     Duration overbook_interval = std::chrono::milliseconds(50);
     std::uint32_t overbooked_parts_max = 16; ///< of one tile
 
+    // Several brokers.
+    std::uint32_t peer_beats = 4;     ///< to each other, in a heartbeat
+    double peer_patience_beats = 1.3; ///< heartbeats: who was not heard for so long is gone
+    /// So long a broker that begins to lead waits for workers to say what they have in hand.
+    double gathering_beats = 0.5;
+    Duration compare_interval = std::chrono::seconds(1); ///< of two that differ
+    /// Tiles that are younger are on their way to the others.
+    Duration copy_lag = std::chrono::seconds(1);
+    /// A job is acknowledged without a copy when nobody who is here has kept one for so long.
+    Duration copy_patience = std::chrono::seconds(2);
+    std::size_t copies_asked_max = 64; ///< jobs at once, of one broker
+
     Duration heartbeat = std::chrono::seconds(1);
     std::uint32_t liveness = 3; ///< beats a peer may miss
     Duration lease =

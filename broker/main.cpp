@@ -13,6 +13,7 @@
 #include "common/cli/state_folder.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
+#include "common/protocol/limits.hpp"
 #include "common/service/logger.hpp"
 #include "common/service/notifier.hpp"
 #include "worker/options.hpp"
@@ -94,6 +95,30 @@ Result<void> complete_upstream(broker::Options& options) {
     as_worker.name = upstream.name;
     as_worker.tags = upstream.tags;
     return worker::validate(as_worker);
+}
+
+Result<void> complete_peers(broker::Options& options) {
+    const auto complete = [](const char* option, std::string& endpoint) -> Result<void> {
+        auto whole = net::endpoint_to_connect(endpoint, net::broker_port);
+        if (!whole)
+            return Error{whole.error().code, std::string(option) + ": " + whole.error().message};
+        endpoint = std::move(*whole);
+        return {};
+    };
+    for (std::string& peer : options.peers)
+        if (auto done = complete("--peer", peer); !done)
+            return done;
+    if (!options.advertise.empty())
+        if (auto done = complete("--advertise", options.advertise); !done)
+            return done;
+    if (!options.peers.empty() && !options.upstream.broker.empty())
+        return Error{ErrorCode::invalid_argument,
+                     "--peer, --upstream: brokers that stand for each other serve no other one"};
+    if (options.peers.size() + 1 > protocol::brokers_max)
+        return Error{ErrorCode::invalid_argument, "--peer: at most " +
+                                                      std::to_string(protocol::brokers_max) +
+                                                      " brokers stand for each other"};
+    return {};
 }
 
 /// Where there is room for less than this, a farm of some size is turned away.
@@ -234,6 +259,18 @@ void describe(CLI::App& app, Arguments& arguments) {
                    "A worker that failed so many tiles within the time gets none for as long")
         ->capture_default_str()
         ->type_name("N/TIME");
+    app.add_option("--peer", options.peers,
+                   "Another broker that stands for this one, and this one for it: jobs go on as "
+                   "long as one of them is there; repeatable")
+        ->envname("FRAJA_PEER")
+        ->allow_extra_args(false)
+        ->delimiter(',')
+        ->type_name("ENDPOINT");
+    app.add_option("--advertise", options.advertise,
+                   "Where other brokers, workers and clients reach this one, if not where it is "
+                   "bound")
+        ->envname("FRAJA_ADVERTISE")
+        ->type_name("ENDPOINT");
     app.add_option("--upstream", options.upstream.broker,
                    "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
                    "sends is split among the workers here")
@@ -277,6 +314,8 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
     options.limits.keep = *keep;
     options.limits.heartbeat = *heartbeat;
     options.limits.lease = *lease;
+    if (const auto read = complete_peers(options); !read)
+        return mistake(read.error().message);
     if (const auto read = complete_upstream(options); !read)
         return mistake(read.error().message);
     if (!arguments.http.empty()) {

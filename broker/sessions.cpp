@@ -44,6 +44,10 @@ void Dispatcher::on(const PeerUnreachable& event) {
     if (const auto worker = workers_.find(event.peer); worker != workers_.end())
         end_worker(worker, Departure::lost, "its connection is gone or full");
     end_client(event.peer, Departure::lost);
+    if (const auto broker = brokers_by_peer_.find(event.peer); broker != brokers_by_peer_.end()) {
+        colleagues_.at(broker->second).peer.reset();
+        brokers_by_peer_.erase(broker);
+    }
 }
 
 void Dispatcher::on(const PeerSaid& event) {
@@ -52,6 +56,10 @@ void Dispatcher::on(const PeerSaid& event) {
         return welcome_worker(peer, *hello);
     if (const auto* hello = std::get_if<ClientHello>(&event.message))
         return welcome_client(peer, *hello);
+    if (const auto* hello = std::get_if<BrokerHello>(&event.message))
+        return meet_broker(peer, *hello);
+    if (const auto broker = brokers_by_peer_.find(peer); broker != brokers_by_peer_.end())
+        return from_broker(BrokerId(broker->second), {false, peer}, event.message);
     if (const auto worker = workers_.find(peer); worker != workers_.end()) {
         worker->second.heard_at = now_;
         if (std::holds_alternative<Goodbye>(event.message))
@@ -97,6 +105,8 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     recall(worker);
     if (hello.speed_rays_per_s > 0)
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
+    if (!is_alone())
+        worker.tells_by = now_ + from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
     set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
     ++counters_.workers_welcomed;
@@ -106,19 +116,25 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
          .text = "worker " + hello.worker_name + " is here: " + counted(hello.threads, "thread") +
                  ", credit " + std::to_string(hello.credit) + ", version " +
                  hello.program_version});
-    send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version), hello.incarnation});
+    send(peer, Welcome{identity_.broker, term().counter, limits_.heartbeat, limits_.liveness,
+                       identity_.stream, std::string(fraja::version), hello.incarnation, term(),
+                       members()});
+    if (!is_alone())
+        send(peer, Brokers{term(), members()}); // it answers with what it has in hand
 }
 
+/// One that does not know yet what the others have lets its clients go to these.
 void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
+    if (!membership_.is_synced())
+        return;
     if (const auto worker = workers_.find(peer); worker != workers_.end())
         end_worker(worker, Departure::replaced, "its connection says to be a client");
     if (!clients_.contains(peer) && clients_.size() >= limits_.clients_max)
         return turn_away(peer, RefusalCode::limit_exceeded,
                          "this broker takes " + std::to_string(limits_.clients_max) + " clients");
     clients_[peer] = ClientSession{hello.client_name, now_};
-    send(peer, Welcome{identity_.broker, identity_.epoch, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version), 0});
+    send(peer, Welcome{identity_.broker, term().counter, limits_.heartbeat, limits_.liveness,
+                       identity_.stream, std::string(fraja::version), 0, term(), members()});
 }
 
 void Dispatcher::from_worker(const PeerId& peer, WorkerSession& worker, const Message& message) {
@@ -167,6 +183,9 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     if (credit != worker.credit)
         set_credit(peer, worker, credit);
 
+    membership_.learn(beat.term);
+    if (!is_alone())
+        note_in_hand(peer, worker, beat);
     std::set<GrantKey> listed;
     std::uint64_t last_moved = 0;
     for (const TileInFlight& tile : beat.in_flight) {
@@ -183,7 +202,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     // What it has received and does not name any more, though its answer has not come, was lost.
     std::vector<GrantKey> lost;
     for (const auto& [key, grant] : worker.grants)
-        if (!listed.contains(key) && grant.number < beat.tiles_received)
+        if (!listed.contains(key) && (grant.adopted || grant.number < beat.tiles_received))
             lost.push_back(key);
     for (const GrantKey& key : lost)
         (void)take_back(key, *end_grant(peer, worker, key), false, worker,
@@ -194,6 +213,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
 void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {
     const PeerId peer = worker->first;
     set_credit(peer, worker->second, 0);
+    note_in_hand(peer, worker->second, {});
     WorkerSession session = std::move(worker->second);
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);
@@ -275,7 +295,8 @@ void Dispatcher::end_client(const PeerId& peer, Departure departure) {
 /// A broker that was stopped, or waited long for its disk, has heard nobody meanwhile: that while
 /// counts as nobody's silence.
 void Dispatcher::note_own_absence(Duration since_last_step) {
-    if (since_last_step <= limits_.heartbeat || (workers_.empty() && clients_.empty()))
+    if (since_last_step <= limits_.heartbeat ||
+        (workers_.empty() && clients_.empty() && is_alone()))
         return;
     log({.level = LogLevel::warning,
          .kind = "stood_still",
@@ -291,6 +312,7 @@ void Dispatcher::note_own_absence(Duration since_last_step) {
         client.heard_at = client.heard_at + since_last_step;
     for (auto& [id, job] : jobs_)
         job.scene_came_on_at = job.scene_came_on_at + since_last_step;
+    membership_.forgive(since_last_step);
 }
 
 void Dispatcher::drop_silent_peers() {

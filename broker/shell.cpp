@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -64,19 +65,34 @@ Result<std::unique_ptr<Kept>> open_store(const std::filesystem::path& state,
                                           StoreWriter(std::move(*store), waker)});
 }
 
+/// Empty, where it is bound to all addresses that the machine has: others know which of them they
+/// reach.
+std::string endpoint_for_others(const Options& options, const std::string& bound) {
+    if (!options.advertise.empty())
+        return options.advertise;
+    for (const char* any : {"tcp://0.0.0.0:", "tcp://[::]:", "tcp://*:"})
+        if (bound.starts_with(any))
+            return {};
+    return bound;
+}
+
 /// Both sockets and the store, with the dispatcher between them.
 class Shell {
 public:
     /// `kept`: null where nothing is kept. `waker` is woken when there is news of it.
     Shell(const net::Context& context, net::RouterSocket router, net::PublisherSocket publisher,
           std::unique_ptr<Kept> kept, const net::Waker& waker, const Options& options)
-        : router_(std::move(router)), publisher_(std::move(publisher)), kept_(std::move(kept)),
-          waker_(waker), options_(options), epoch_(kept_ ? kept_->epoch : new_epoch()),
+        : context_(context), router_(std::move(router)), publisher_(std::move(publisher)),
+          kept_(std::move(kept)), waker_(waker), options_(options),
+          epoch_(kept_ ? kept_->epoch : new_epoch()),
           dispatcher_({.broker = random_id<BrokerId>(),
                        .epoch = epoch_,
                        .stream = publisher_.endpoint(),
                        .keeps = kept_ != nullptr,
-                       .started_at = net::now()},
+                       .started_at = net::now(),
+                       .unix_offset = since_1970() - (net::now() - Instant{}),
+                       .endpoint = endpoint_for_others(options, router_.endpoint()),
+                       .peers = options.peers},
                       options.limits),
           next_report_(options.on_report ? Instant{} : Instant::never()) {
         if (!options.upstream.broker.empty())
@@ -96,6 +112,8 @@ public:
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
+            for (const auto& [endpoint, socket] : dialled_)
+                waitables.emplace_back(socket);
             Instant deadline = std::min(dispatcher_.next_deadline(), next_report_);
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
@@ -110,6 +128,7 @@ public:
             }
             for (int i = 0; i < messages_per_turn_max && take_message(); ++i) {
             }
+            hear_brokers();
             serve_upstream();
             step(Tick{});
         }
@@ -216,6 +235,54 @@ private:
         return true;
     }
 
+    /// Those that were dialled.
+    void hear_brokers() {
+        std::vector<std::string> endpoints; // what they say may change who is dialled
+        for (const auto& [endpoint, socket] : dialled_)
+            endpoints.push_back(endpoint);
+        for (const std::string& endpoint : endpoints)
+            for (int i = 0; i < messages_per_turn_max && hear_broker(endpoint); ++i) {
+            }
+    }
+
+    bool hear_broker(const std::string& endpoint) {
+        const auto found = dialled_.find(endpoint);
+        auto frames = found == dialled_.end() ? std::nullopt : found->second.receive();
+        if (!frames)
+            return false;
+        report_.received_bytes += byte_count(*frames);
+        if (auto message = protocol::decode(*frames))
+            step(BrokerSaid{endpoint, std::move(*message)});
+        else
+            log({LogLevel::warning,
+                 "rubbish",
+                 {},
+                 "broker " + endpoint + " is not understood: " + message.error().message});
+        return true;
+    }
+
+    void dial(const std::string& endpoint) {
+        if (dialled_.contains(endpoint))
+            return;
+        auto socket = net::DealerSocket::connect(context_, endpoint);
+        if (socket)
+            dialled_.emplace(endpoint, std::move(*socket));
+        else
+            log({LogLevel::error,
+                 "broker_undialled",
+                 {},
+                 "broker " + endpoint + " cannot be called: " + socket.error().message});
+    }
+
+    void tell(const Tell& words) {
+        const auto found = dialled_.find(words.endpoint);
+        if (found == dialled_.end())
+            return;
+        const protocol::Packet packet = protocol::encode(words.message);
+        if (found->second.send(packet) == net::SendStatus::sent)
+            report_.sent_bytes += packet_bytes(packet);
+    }
+
     /// One event, what it leads to, and what follows from sends that fail.
     void step(const Event& event) {
         std::vector<Event> consequences;
@@ -238,6 +305,12 @@ private:
                 report_.sent_bytes += packet_bytes(packet);
             else
                 events.push_back(PeerUnreachable{send->peer});
+        } else if (const auto* dialled = std::get_if<Dial>(&action)) {
+            dial(dialled->endpoint);
+        } else if (const auto* gone = std::get_if<HangUp>(&action)) {
+            dialled_.erase(gone->endpoint);
+        } else if (const auto* words = std::get_if<Tell>(&action)) {
+            tell(*words);
         } else if (const auto* publish = std::get_if<Publish>(&action)) {
             const protocol::Packet packet = protocol::encode(publish->message);
             report_.published_bytes += packet_bytes(packet);
@@ -279,7 +352,9 @@ private:
             options_.on_log(line);
     }
 
+    const net::Context& context_;
     net::RouterSocket router_;
+    std::map<std::string, net::DealerSocket> dialled_; ///< other brokers, by endpoint
     net::PublisherSocket publisher_;
     std::unique_ptr<Kept> kept_;
     const net::Waker& waker_;

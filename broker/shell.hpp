@@ -45,6 +45,8 @@ struct Options {
     std::string publish = net::default_stream; ///< the stream
     bool insecure =
         false; ///< allow endpoints that other machines can reach, though nobody has keys
+    std::vector<std::string> peers; ///< brokers that stand for this one, as endpoints
+    std::string advertise; ///< where these and all others reach it; empty: where it is bound
     std::vector<std::string> call; ///< workers that listen (fraja-worker --listen), as endpoints
     Limits limits;
     std::filesystem::path state; ///< where jobs are kept; empty: in memory alone

@@ -24,6 +24,11 @@ std::uint64_t payload_bytes(const auto&) {
     return 0;
 }
 
+/// SQLite has no larger numbers.
+std::int64_t counter_of(const protocol::Revision& revision) {
+    return static_cast<std::int64_t>(std::min<std::uint64_t>(revision.counter, INT64_MAX));
+}
+
 } // namespace
 
 std::uint64_t size_bytes(const Write& write) {
@@ -39,12 +44,17 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
       drop_pieces_(database_, "DELETE FROM pieces WHERE blob IN (SELECT id FROM blobs "
                               "WHERE hash NOT IN (SELECT scene FROM jobs))"),
       drop_blobs_(database_, "DELETE FROM blobs WHERE hash NOT IN (SELECT scene FROM jobs)"),
-      put_job_(database_, "INSERT INTO jobs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, '', 0, ?8, NULL) "
-                          "ON CONFLICT DO NOTHING"),
+      put_job_(database_,
+               "INSERT INTO jobs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, '', 0, ?8, NULL, ?9, ?10) "
+               "ON CONFLICT DO NOTHING"),
       raise_number_(database_, "UPDATE farm SET last_number = max(last_number, ?1)"),
       set_phase_(database_, "UPDATE jobs SET phase = ?2, reason = ?3, elapsed = ?4, "
-                            "over_at = CASE WHEN ?5 THEN coalesce(over_at, ?6) END WHERE job = ?1"),
-      set_priority_(database_, "UPDATE jobs SET priority = ?2 WHERE job = ?1"),
+                            "over_at = CASE WHEN ?5 THEN coalesce(over_at, ?6) END, "
+                            "revision = ?7, revised_by = ?8 WHERE job = ?1"),
+      set_priority_(database_, "UPDATE jobs SET priority = ?2, revision = ?3, revised_by = ?4 "
+                               "WHERE job = ?1"),
+      set_number_(database_, "UPDATE jobs SET number = ?2, revision = ?3, revised_by = ?4 "
+                             "WHERE job = ?1"),
       drop_job_(database_, "DELETE FROM jobs WHERE job = ?1"),
       tile_is_new_(database_, "SELECT 1 FROM jobs WHERE job = ?1 AND NOT EXISTS "
                               "(SELECT 1 FROM tiles WHERE job = ?1 AND tile = ?2 AND extent = ?3)"),
@@ -179,7 +189,8 @@ Result<void> Store::put(const PutJob& job) {
     const auto phase = static_cast<std::int64_t>(protocol::JobPhase{});
     if (const auto done = put_job_.run(key_of(submission.job), job.number, job.passes,
                                        std::span<const std::byte>(body), key_of(submission.scene),
-                                       submission.priority, phase, now());
+                                       submission.priority, phase, now(), counter_of(job.revision),
+                                       key_of(job.revision.broker));
         !done)
         return done;
     if (const auto done = drop_tombstone_.run(key_of(submission.job)); !done)
@@ -213,11 +224,21 @@ Result<void> Store::put(const PutTile& put) {
 Result<void> Store::put(const PutPhase& put) {
     return set_phase_.run(key_of(put.job), static_cast<std::int64_t>(put.phase),
                           std::string_view(put.reason), put.elapsed.count(),
-                          std::int64_t{protocol::is_over(put.phase)}, now());
+                          std::int64_t{protocol::is_over(put.phase)}, now(),
+                          counter_of(put.revision), key_of(put.revision.broker));
 }
 
 Result<void> Store::put(const PutPriority& put) {
-    return set_priority_.run(key_of(put.job), put.priority);
+    return set_priority_.run(key_of(put.job), put.priority, counter_of(put.revision),
+                             key_of(put.revision.broker));
+}
+
+Result<void> Store::put(const PutNumber& put) {
+    if (const auto done = set_number_.run(key_of(put.job), put.number, counter_of(put.revision),
+                                          key_of(put.revision.broker));
+        !done)
+        return done;
+    return raise_number_.run(put.number);
 }
 
 Result<void> Store::put(const ForgetJob& forget) {

@@ -63,7 +63,7 @@ StoreReader::StoreReader(Database database, WallClock wall_clock)
     : database_(std::move(database)), wall_clock_(std::move(wall_clock)),
       begin_(database_, "BEGIN"), commit_(database_, "COMMIT"),
       jobs_(database_, "SELECT submission, number, passes, priority, phase, reason, elapsed, "
-                       "submitted_at, over_at FROM jobs ORDER BY number"),
+                       "submitted_at, over_at, revision, revised_by FROM jobs ORDER BY number"),
       all_tiles_(database_, "SELECT job, tile, body FROM tiles ORDER BY job, tile, extent"),
       blobs_(database_, "SELECT hash, size FROM blobs ORDER BY hash"),
       tombstones_(database_, "SELECT job, forgotten_at FROM tombstones ORDER BY id"),
@@ -124,6 +124,8 @@ Result<void> StoreReader::read_jobs(Contents& contents) {
         job.age = since(rows.integer(7));
         if (!rows.is_null(8))
             job.over_for = since(rows.integer(8));
+        if (!read_number(rows, 9, job.revision.counter) || !read_key(rows, 10, job.revision.broker))
+            return "job " + to_string(job.submission.job);
         contents.jobs.push_back(std::move(job));
         return {};
     });

@@ -24,7 +24,8 @@ CREATE TABLE jobs (
     job BLOB PRIMARY KEY, number INTEGER NOT NULL, passes INTEGER NOT NULL,
     submission BLOB NOT NULL, scene BLOB NOT NULL, priority INTEGER NOT NULL,
     phase INTEGER NOT NULL, reason TEXT NOT NULL, elapsed INTEGER NOT NULL,
-    submitted_at INTEGER NOT NULL, over_at INTEGER
+    submitted_at INTEGER NOT NULL, over_at INTEGER,
+    revision INTEGER NOT NULL, revised_by BLOB NOT NULL
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX jobs_by_scene ON jobs (scene);
 CREATE TABLE tiles (
@@ -40,6 +41,16 @@ CREATE TABLE pieces (
 CREATE TABLE tombstones (
     id INTEGER PRIMARY KEY, job BLOB NOT NULL UNIQUE, forgotten_at INTEGER NOT NULL
 ) STRICT;
+)";
+
+// Of an earlier version, in place: what a broker that stood alone did not know.
+constexpr const char* from_version_1 = R"(
+BEGIN IMMEDIATE;
+ALTER TABLE jobs ADD COLUMN revision INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE jobs ADD COLUMN revised_by BLOB NOT NULL
+    DEFAULT x'00000000000000000000000000000000';
+PRAGMA user_version = 2;
+COMMIT;
 )";
 
 // No auto_vacuum: what a forgotten job leaves is used by the next ones, so the file is as large as
@@ -87,7 +98,7 @@ Result<void> check_is_database(const fs::path& file) {
     return {};
 }
 
-enum class Origin { ours, fresh };
+enum class Origin { ours, earlier, fresh };
 
 /// Whether it is a store that this broker knows, or one in which nothing is yet: made a moment ago,
 /// or by a broker that was killed at once.
@@ -111,6 +122,8 @@ Result<Origin> origin_of(Database& database) {
                          " was written by a newer fraja-broker (store version " +
                          std::to_string(*version) + ", this one knows " +
                          std::to_string(store_version) + "): use that one, or another --state"};
+    if (*version == 1 && *things > 0)
+        return Origin::earlier;
     if (*version != store_version || *things == 0)
         return damaged(database.file(), "store version " + std::to_string(*version));
     return Origin::ours;
@@ -162,6 +175,9 @@ Result<Database> open_store_file(const fs::path& file) {
         return ready.error();
     if (const auto log = use_log(*database); !log)
         return log.error();
+    if (*origin == Origin::earlier)
+        if (const auto made = database->execute(from_version_1); !made)
+            return made.error();
     if (const auto set = database->execute(settings); !set)
         return set.error();
     database->set_untouched(false);

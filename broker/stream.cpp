@@ -13,7 +13,7 @@ using namespace protocol;
 
 void Dispatcher::on(const TopicSubscribed& event) {
     if (const auto nonce = topic_id<Nonce>('N', event.topic)) {
-        actions_->push_back(Publish{event.topic, Barrier{*nonce, identity_.epoch}});
+        actions_->push_back(Publish{event.topic, Barrier{*nonce, term().counter}});
     } else if (const auto job = topic_id<JobId>('J', event.topic)) {
         subscribed_jobs_.insert(*job);
     } else if (event.topic == farm_topic) {
@@ -108,7 +108,7 @@ protocol::BrokerState Dispatcher::broker_state() const {
 void Dispatcher::publish_farm_state() {
     if (!farm_subscribed_)
         return;
-    FarmState farm{.epoch = identity_.epoch, .jobs = {}, .workers = {}, .broker = broker_state()};
+    FarmState farm{.epoch = term().counter, .jobs = {}, .workers = {}, .broker = broker_state()};
     for (auto entry = job_by_number_.rbegin();
          entry != job_by_number_.rend() && farm.jobs.size() < limits_.farm_jobs_max; ++entry)
         farm.jobs.push_back(brief_state(jobs_.at(entry->second)));
@@ -117,10 +117,11 @@ void Dispatcher::publish_farm_state() {
             break;
         farm.workers.push_back(brief_state(worker));
     }
+    farm.brokers = peer_states();
     actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
 }
 
-void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
+void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
     const Job* job = job_of(wish.job);
     if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", wish.job);
@@ -129,6 +130,8 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish) {
     const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
     std::vector<TileIndex> stored;
     const std::uint32_t left = job->missing(Bitmap(wish.have), [&](const Job::Result& result) {
+        if (result.came_at > until)
+            return true;
         const std::uint64_t size =
             job->rect(result.tile).pixel_count() * job->submission().settings.pixel_bytes();
         if (tiles >= tiles_max || (tiles > 0 && bytes + size > limits_.repair_bytes_max))

@@ -68,10 +68,8 @@ TilesBegun Dispatcher::begun(const Job& job) const {
 std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, WorkerSession& worker,
                                                        const GrantKey& key) {
     const auto found = worker.grants.find(key);
-    if (found == worker.grants.end()) {
-        ++counters_.stale_answers;
+    if (found == worker.grants.end())
         return std::nullopt;
-    }
     Grant grant = found->second;
     worker.grants.erase(found);
     note_overtaken(worker, grant.number);
@@ -92,10 +90,10 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                                const TileRendered& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
-    if (!grant)
-        return;
     Job* job = job_of(answer.job);
-    if (!job || is_over(job->phase)) {
+    if (!is_alone() && (!grant || (grant->adopted && grant->id == OpenTileId::none)))
+        return take_witnessed(worker.hello.worker_name, answer);
+    if (!grant || !job || is_over(job->phase)) {
         ++counters_.stale_answers;
         return;
     }
@@ -191,12 +189,20 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
     job.set_worth_of_rays(worth_of_rays_);
     const double work = seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays;
 
-    cancel_unwanted(job, job.finish(grant.id, grant.tile, work, result));
+    take_result(job, grant.id, grant.tile, work, std::move(result));
+}
+
+/// Wherever it was handed out.
+void Dispatcher::take_result(Job& job, OpenTileId id, const Tile& tile, double work,
+                             std::shared_ptr<const TileDone> result) {
+    cancel_unwanted(job, job.finish(id, tile, work, result, now_));
     keep_newest_result(job);
     if (subscribed_jobs_.contains(job.id()))
         actions_->push_back(Publish{job_topic(job.id()), *result});
     look_ready(job);
-    if (job.all_done())
+    if (job.awaited)
+        settle(job);
+    else if (deals_out() && job.all_done() && !is_over(job.phase))
         end_job(job, JobPhase::done, "");
 }
 
@@ -208,8 +214,10 @@ void Dispatcher::cancel_unwanted(const Job& job, const std::vector<Job::Unwanted
 void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const TileFailed& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
-    if (!grant)
+    if (!grant) {
+        counters_.stale_answers += is_alone();
         return;
+    }
     Job* job = job_of(answer.job);
     if (job && grant->fetches_scene) // perhaps it has not come to that
         forget_scene(worker, job->submission().scene);

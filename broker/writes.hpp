@@ -28,6 +28,7 @@ struct PutJob {
     protocol::SubmitJob submission;
     std::uint32_t number = 0;
     std::uint32_t passes = 1;
+    protocol::Revision revision{};
 };
 struct PutTile {
     std::shared_ptr<const protocol::TileDone> tile; ///< not null
@@ -38,17 +39,25 @@ struct PutPhase {
     protocol::JobPhase phase{};
     std::string reason;
     Duration elapsed{};
+    protocol::Revision revision{};
 };
 struct PutPriority {
     JobId job;
     std::int32_t priority = 0;
+    protocol::Revision revision{};
+};
+/// Another one than it was put with: two brokers had given the same.
+struct PutNumber {
+    JobId job;
+    std::uint32_t number = 0;
+    protocol::Revision revision{};
 };
 /// The job goes, with its tiles and all scenes that no job needs now. A tombstone stays.
 struct ForgetJob {
     JobId job;
 };
 
-using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutPriority, ForgetJob>;
+using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutPriority, PutNumber, ForgetJob>;
 
 /// What a write takes in memory, about.
 [[nodiscard]] std::uint64_t size_bytes(const Write& write);

@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
+#include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -20,7 +21,8 @@ constexpr int forgiven_after = 10; // times as long as that: losses are forgotte
 
 } // namespace
 
-Session::Session(SessionOptions options) : options_(std::move(options)) {
+Session::Session(SessionOptions options)
+    : options_(std::move(options)), named_(options_.brokers.size()) {
     FRAJA_ASSERT(!options_.brokers.empty());
 }
 
@@ -36,6 +38,8 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
         if (!open_) {
             hello_due_ = now + hello_pause_;
             hello_pause_ = std::min(2 * hello_pause_, hello_pause_max);
+        } else if (options_.brokers.size() > 1) {
+            lose(now, actions); // the connection is gone, and there are others
         }
         return Change::none;
     }
@@ -50,6 +54,8 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
             return take(now, *welcome, actions);
         if (const auto* refused = std::get_if<protocol::Refused>(&from->message))
             return take(now, *refused, actions);
+        if (const auto* told = std::get_if<protocol::Brokers>(&from->message); told && open_)
+            learn(told->brokers);
         return Change::none;
     }
     if (std::holds_alternative<Tick>(event))
@@ -71,6 +77,7 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
     if (open_ && welcome.broker == welcome_.broker && welcome.epoch == welcome_.epoch)
         return Change::none; // the answer to a hello that we repeated
     const bool first = welcome_.liveness == 0;
+    learn(welcome.brokers);
     welcome_ = welcome;
     welcome_.liveness = std::clamp(welcome_.liveness, 1u, 1000u);
     heartbeat_ = std::clamp<Duration>(welcome_.heartbeat, 10ms, 1min);
@@ -100,13 +107,8 @@ Session::Change Session::take(Instant now, const protocol::Refused& refused,
 
 Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
     if (open_ && now >= silent_at_) {
-        open_ = false;
-        known_lost_ = true;
         losses_ = std::min(losses_ + 1, losses_max);
-        looking_since_ = now;
-        actions.push_back(News(ConnectionChanged{false, broker(), {}}));
-        broker_ = (broker_ + 1) % options_.brokers.size();
-        look_for_broker(now, actions);
+        lose(now, actions);
     } else if (open_) {
         if (now >= beat_due_) {
             actions.push_back(Send{protocol::Beat{}});
@@ -124,6 +126,33 @@ Session::Change Session::tick(Instant now, std::vector<Action>& actions) {
         say_hello(now, actions);
     }
     return Change::none;
+}
+
+/// The next one's turn.
+void Session::lose(Instant now, std::vector<Action>& actions) {
+    open_ = false;
+    known_lost_ = true;
+    looking_since_ = now;
+    actions.push_back(News(ConnectionChanged{false, broker(), {}}));
+    broker_ = (broker_ + 1) % options_.brokers.size();
+    look_for_broker(now, actions);
+}
+
+/// Who stands for the broker that speaks. Those that were given stay; the others are as the last
+/// word has them.
+void Session::learn(const std::vector<protocol::Member>& brokers) {
+    const std::string now = broker();
+    options_.brokers.resize(named_);
+    const auto add = [&](const std::string& endpoint) {
+        if (!endpoint.empty() && options_.brokers.size() < named_ + protocol::brokers_max &&
+            std::ranges::find(options_.brokers, endpoint) == options_.brokers.end())
+            options_.brokers.push_back(endpoint);
+    };
+    add(now);
+    for (const protocol::Member& member : brokers)
+        add(member.endpoint);
+    broker_ = static_cast<std::size_t>(std::ranges::find(options_.brokers, now) -
+                                       options_.brokers.begin());
 }
 
 void Session::look_for_broker(Instant now, std::vector<Action>& actions) {

@@ -37,6 +37,8 @@ public:
     [[nodiscard]] bool is_open() const { return open_; }
     [[nodiscard]] const protocol::Welcome& welcome() const { return welcome_; } ///< the last one
     [[nodiscard]] const std::string& broker() const { return options_.brokers[broker_]; }
+    /// Those that are tried: those that were given, and others that stand for them.
+    [[nodiscard]] const std::vector<std::string>& brokers() const { return options_.brokers; }
     [[nodiscard]] Outcome failure() const { return failure_; }
 
     /// Whether a lost broker is looked for without end: when there is a job that goes on meanwhile.
@@ -47,11 +49,14 @@ private:
     void say_hello(Instant now, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Welcome& welcome, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Refused& refused, std::vector<Action>& actions);
+    void learn(const std::vector<protocol::Member>& brokers);
+    void lose(Instant now, std::vector<Action>& actions);
     Change tick(Instant now, std::vector<Action>& actions);
     Change end(Change change, Outcome outcome);
     [[nodiscard]] Duration turn() const;
 
-    SessionOptions options_;
+    SessionOptions options_; ///< its brokers with those that were told of behind them
+    std::size_t named_ = 0;  ///< brokers that were given
     std::size_t broker_ = 0; ///< index of the one we speak to
     bool open_ = false;
     bool ended_ = false;

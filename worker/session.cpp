@@ -73,6 +73,7 @@ void Session::on(Turn& turn, const Undecodable& event) {
 void Session::on_message(Turn& turn, const protocol::Welcome& message) {
     if (std::exchange(broker_, message.broker) != message.broker)
         last_attempt_.reset();
+    term_ = std::max(term_, message.term);
     if (state_ == State::open) {
         // It has come twice, or a hello has. Of which session the broker is now is not known.
         turn.log(LogLevel::debug, "greeting_anew", "a Welcome without a hello: greeting anew");
@@ -253,10 +254,12 @@ void Session::hello(Turn& turn) {
 void Session::beat(Turn& turn) {
     protocol::WorkerBeat message{.credit = state_ == State::draining ? 0 : credit(),
                                  .in_flight = {},
-                                 .tiles_received = tiles_received_};
+                                 .tiles_received = tiles_received_,
+                                 .term = term_};
     for (const auto& [ticket, tile] : tiles_)
-        message.in_flight.push_back(
-            {tile.order.job, tile.order.tile, tile.order.attempt, tile.rays});
+        message.in_flight.push_back({tile.order.job, tile.order.tile, tile.order.attempt, tile.rays,
+                                     tile.order.pass,
+                                     tile.order.probe_side > 0 ? PixelRect{} : tile.order.rect});
     turn.send(std::move(message));
     ++unanswered_beats_;
     next_beat_ = turn.now + heartbeat_;

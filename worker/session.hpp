@@ -250,6 +250,7 @@ private:
     std::uint64_t incarnation_ = 0;             // of the last hello
     BrokerId broker_;                           // that spoke last
     std::optional<AttemptNumber> last_attempt_; // of its RenderTiles
+    protocol::Term term_;                       // the greatest heard of
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
     std::uint32_t unanswered_hellos_ = 0;

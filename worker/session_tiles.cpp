@@ -221,7 +221,8 @@ void Session::on(Turn& turn, const TileFinished& event) {
     turn.log(LogLevel::debug, "tile_done",
              name_of(order) + ": done in " + std::to_string(seconds(event.elapsed)) + " s");
     turn.send(protocol::TileRendered{order.job, order.tile, order.attempt, event.rays,
-                                     event.elapsed, event.blobs});
+                                     event.elapsed, order.pass,
+                                     order.probe_side > 0 ? PixelRect{} : order.rect, event.blobs});
     at->second.started = false; // nothing is left to stop
     forget_tile(turn, at);
 }

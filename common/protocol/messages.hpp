@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 11;
+inline constexpr std::uint16_t version = 12;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -68,11 +68,49 @@ struct TileInFlight {
     TileIndex tile{};
     AttemptNumber attempt{};
     std::uint64_t rays = 0; ///< traced so far; it must grow, or the tile hangs
+    std::uint32_t pass = 0; ///< as in RenderTile
+    PixelRect rect{};       ///< empty: it is a probe
     friend bool operator==(const TileInFlight&, const TileInFlight&) = default;
     template <class T = TileInFlight>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
-                          Field{"attempt", &T::attempt}, Field{"rays", &T::rays}};
+        return std::tuple{Field{"job", &T::job},         Field{"tile", &T::tile},
+                          Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
+                          Field{"pass", &T::pass},       Field{"rect", &T::rect}};
+    }
+};
+
+/// Who deals out tiles. Of brokers that know each other the one with the greatest term that anybody
+/// has heard of; a broker that stands alone begins one with every start.
+struct Term {
+    std::uint64_t counter = 0; ///< grows with every change
+    BrokerId leader;           ///< where two have come to the same one
+    friend auto operator<=>(const Term&, const Term&) = default;
+    template <class T = Term>
+    static constexpr auto fields() {
+        return std::tuple{Field{"counter", &T::counter}, Field{"leader", &T::leader}};
+    }
+};
+
+/// A broker of several that stand for each other.
+struct Member {
+    BrokerId broker;
+    std::string endpoint; ///< where it can be reached
+    friend bool operator==(const Member&, const Member&) = default;
+    template <class T = Member>
+    static constexpr auto fields() {
+        return std::tuple{Field{"broker", &T::broker}, Field{"endpoint", &T::endpoint}};
+    }
+};
+
+/// Which of two words about a job is the newer one: whoever changes what was wanted of it counts
+/// on.
+struct Revision {
+    std::uint64_t counter = 0;
+    BrokerId broker; ///< where two have come to the same count
+    friend auto operator<=>(const Revision&, const Revision&) = default;
+    template <class T = Revision>
+    static constexpr auto fields() {
+        return std::tuple{Field{"counter", &T::counter}, Field{"broker", &T::broker}};
     }
 };
 
@@ -215,14 +253,17 @@ struct Welcome {
     std::string stream;
     std::string program_version;
     std::uint64_t incarnation = 0;
+    Term term{};
+    std::vector<Member> brokers{};
     friend bool operator==(const Welcome&, const Welcome&) = default;
     template <class T = Welcome>
     static constexpr auto fields() {
         return std::tuple{
-            Field{"broker", &T::broker},          Field{"epoch", &T::epoch},
-            Field{"heartbeat", &T::heartbeat},    Field{"liveness", &T::liveness},
-            Field{"stream", &T::stream},          Field{"program_version", &T::program_version},
-            Field{"incarnation", &T::incarnation}};
+            Field{"broker", &T::broker},           Field{"epoch", &T::epoch},
+            Field{"heartbeat", &T::heartbeat},     Field{"liveness", &T::liveness},
+            Field{"stream", &T::stream},           Field{"program_version", &T::program_version},
+            Field{"incarnation", &T::incarnation}, Field{"term", &T::term},
+            Field{"brokers", &T::brokers}};
     }
 };
 
@@ -253,11 +294,12 @@ struct WorkerBeat {
     std::uint32_t credit = 0;
     std::vector<TileInFlight> in_flight;
     std::uint64_t tiles_received = 0;
+    Term term{}; ///< the greatest it has heard of
     friend bool operator==(const WorkerBeat&, const WorkerBeat&) = default;
     template <class T = WorkerBeat>
     static constexpr auto fields() {
         return std::tuple{Field{"credit", &T::credit}, Field{"in_flight", &T::in_flight},
-                          Field{"tiles_received", &T::tiles_received}};
+                          Field{"tiles_received", &T::tiles_received}, Field{"term", &T::term}};
     }
 };
 
@@ -274,6 +316,18 @@ struct Dismissed {
     std::string reason;
     friend bool operator==(const Dismissed&, const Dismissed&) = default;
     static constexpr auto fields() { return std::tuple{Field{"reason", &Dismissed::reason}}; }
+};
+
+struct Brokers {
+    static constexpr std::uint16_t type = 9;
+    static constexpr std::string_view name = "Brokers";
+    Term term;
+    std::vector<Member> brokers;
+    friend bool operator==(const Brokers&, const Brokers&) = default;
+    template <class T = Brokers>
+    static constexpr auto fields() {
+        return std::tuple{Field{"term", &T::term}, Field{"brokers", &T::brokers}};
+    }
 };
 
 // -------------------------------------------------------------------------------- scenes as blobs
@@ -458,6 +512,7 @@ struct RenderTile {
     std::uint64_t scene_bytes = 0;
     PictureSettings settings;
     std::uint32_t probe_side = 0;
+    Term term{};
     friend bool operator==(const RenderTile&, const RenderTile&) = default;
     template <class T = RenderTile>
     static constexpr auto fields() {
@@ -465,7 +520,8 @@ struct RenderTile {
                           Field{"attempt", &T::attempt},   Field{"frame", &T::frame},
                           Field{"pass", &T::pass},         Field{"rect", &T::rect},
                           Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
-                          Field{"settings", &T::settings}, Field{"probe_side", &T::probe_side}};
+                          Field{"settings", &T::settings}, Field{"probe_side", &T::probe_side},
+                          Field{"term", &T::term}};
     }
 };
 
@@ -477,12 +533,15 @@ struct TileRendered {
     AttemptNumber attempt{};
     Rays rays;
     Duration elapsed{};
+    std::uint32_t pass = 0;
+    PixelRect rect{};        ///< empty: it is a probe
     std::vector<Blob> blobs; ///< the pixels, cut into frames
     template <class T = TileRendered>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &T::job}, Field{"tile", &T::tile},
+        return std::tuple{Field{"job", &T::job},         Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
-                          Field{"elapsed", &T::elapsed}};
+                          Field{"elapsed", &T::elapsed}, Field{"pass", &T::pass},
+                          Field{"rect", &T::rect}};
     }
 };
 
@@ -632,6 +691,26 @@ struct BrokerState {
     }
 };
 
+/// One of several brokers, as the one that tells of it sees it.
+struct PeerState {
+    BrokerId broker; ///< zero: it was never heard of
+    std::string endpoint;
+    std::string program_version;
+    bool is_here = false;   ///< it has been heard of late
+    bool is_synced = false; ///< it has what the others have
+    bool leads = false;     ///< it deals out the tiles
+    friend bool operator==(const PeerState&, const PeerState&) = default;
+    template <class T = PeerState>
+    static constexpr auto fields() {
+        return std::tuple{Field{"broker", &T::broker},
+                          Field{"endpoint", &T::endpoint},
+                          Field{"program_version", &T::program_version},
+                          Field{"is_here", &T::is_here},
+                          Field{"is_synced", &T::is_synced},
+                          Field{"leads", &T::leads}};
+    }
+};
+
 struct FarmState {
     static constexpr std::uint16_t type = 42;
     static constexpr std::string_view name = "FarmState";
@@ -639,18 +718,141 @@ struct FarmState {
     std::vector<JobState> jobs;
     std::vector<WorkerState> workers;
     BrokerState broker;
+    std::vector<PeerState> brokers{}; ///< itself first
     friend bool operator==(const FarmState&, const FarmState&) = default;
     template <class T = FarmState>
     static constexpr auto fields() {
         return std::tuple{Field{"epoch", &T::epoch}, Field{"jobs", &T::jobs},
-                          Field{"workers", &T::workers}, Field{"broker", &T::broker}};
+                          Field{"workers", &T::workers}, Field{"broker", &T::broker},
+                          Field{"brokers", &T::brokers}};
     }
 };
 
-using Message = std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye,
-                             Dismissed, NeedChunk, Chunk, SubmitJob, JobState, FindJob, ControlJob,
-                             Repair, RepairDone, ControlWorker, RenderTile, TileRendered,
-                             TileFailed, CancelTile, TileDone, Barrier, FarmState>;
+// ------------------------------------------------------------------------------ among brokers
+
+struct BrokerHello {
+    static constexpr std::uint16_t type = 50;
+    static constexpr std::string_view name = "BrokerHello";
+    BrokerId broker;
+    Duration started_at{}; ///< since 1970
+    std::string endpoint;
+    std::string program_version;
+    bool keeps = false;
+    friend bool operator==(const BrokerHello&, const BrokerHello&) = default;
+    template <class T = BrokerHello>
+    static constexpr auto fields() {
+        return std::tuple{Field{"broker", &T::broker}, Field{"started_at", &T::started_at},
+                          Field{"endpoint", &T::endpoint},
+                          Field{"program_version", &T::program_version}, Field{"keeps", &T::keeps}};
+    }
+};
+
+struct BrokerBeat {
+    static constexpr std::uint16_t type = 51;
+    static constexpr std::string_view name = "BrokerBeat";
+    BrokerId broker;
+    Term term;
+    bool is_synced = false;
+    std::vector<Member> brokers;
+    std::uint64_t digest = 0;
+    friend bool operator==(const BrokerBeat&, const BrokerBeat&) = default;
+    template <class T = BrokerBeat>
+    static constexpr auto fields() {
+        return std::tuple{Field{"broker", &T::broker}, Field{"term", &T::term},
+                          Field{"is_synced", &T::is_synced}, Field{"brokers", &T::brokers},
+                          Field{"digest", &T::digest}};
+    }
+};
+
+/// What a broker has of a job, in short.
+struct JobDigest {
+    JobId job;
+    Revision revision;
+    std::uint64_t cells = 0; ///< a hash of the cells that are done
+    friend bool operator==(const JobDigest&, const JobDigest&) = default;
+    template <class T = JobDigest>
+    static constexpr auto fields() {
+        return std::tuple{Field{"job", &T::job}, Field{"revision", &T::revision},
+                          Field{"cells", &T::cells}};
+    }
+};
+
+struct CompareJobs {
+    static constexpr std::uint16_t type = 52;
+    static constexpr std::string_view name = "CompareJobs";
+    friend bool operator==(const CompareJobs&, const CompareJobs&) = default;
+    static constexpr auto fields() { return std::tuple{}; }
+};
+
+struct JobDigests {
+    static constexpr std::uint16_t type = 53;
+    static constexpr std::string_view name = "JobDigests";
+    std::vector<JobDigest> jobs;
+    friend bool operator==(const JobDigests&, const JobDigests&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"jobs", &JobDigests::jobs}}; }
+};
+
+struct WantJob {
+    static constexpr std::uint16_t type = 54;
+    static constexpr std::string_view name = "WantJob";
+    JobId job;
+    friend bool operator==(const WantJob&, const WantJob&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"job", &WantJob::job}}; }
+};
+
+struct JobRecord {
+    static constexpr std::uint16_t type = 55;
+    static constexpr std::string_view name = "JobRecord";
+    SubmitJob submission;
+    Revision revision;
+    std::uint32_t number = 0;
+    std::uint32_t passes = 0;
+    JobPhase phase{};
+    std::string reason;
+    std::int32_t priority = 0;
+    std::uint32_t done_count = 0;
+    Duration age{};
+    Duration elapsed{};
+    Duration over_for{};
+    friend bool operator==(const JobRecord&, const JobRecord&) = default;
+    template <class T = JobRecord>
+    static constexpr auto fields() {
+        return std::tuple{Field{"submission", &T::submission},
+                          Field{"revision", &T::revision},
+                          Field{"number", &T::number},
+                          Field{"passes", &T::passes},
+                          Field{"phase", &T::phase},
+                          Field{"reason", &T::reason},
+                          Field{"priority", &T::priority},
+                          Field{"done_count", &T::done_count},
+                          Field{"age", &T::age},
+                          Field{"elapsed", &T::elapsed},
+                          Field{"over_for", &T::over_for}};
+    }
+};
+
+struct JobKept {
+    static constexpr std::uint16_t type = 56;
+    static constexpr std::string_view name = "JobKept";
+    JobId job;
+    friend bool operator==(const JobKept&, const JobKept&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"job", &JobKept::job}}; }
+};
+
+struct JobForgotten {
+    static constexpr std::uint16_t type = 57;
+    static constexpr std::string_view name = "JobForgotten";
+    JobId job;
+    friend bool operator==(const JobForgotten&, const JobForgotten&) = default;
+    static constexpr auto fields() { return std::tuple{Field{"job", &JobForgotten::job}}; }
+};
+
+using Message =
+    std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye, Dismissed,
+                 Brokers, NeedChunk, Chunk, SubmitJob, JobState, FindJob, ControlJob, Repair,
+                 RepairDone, ControlWorker, RenderTile, TileRendered, TileFailed, CancelTile,
+                 TileDone, Barrier, FarmState, BrokerHello, BrokerBeat, CompareJobs, JobDigests,
+                 WantJob, JobRecord, JobKept, JobForgotten>;
 
 template <class M>
 concept CarriesBlobs = requires(M m) {

@@ -226,7 +226,7 @@ TEST_CASE("whoever has not said hello is told so") {
 TEST_CASE("messages out of place are refused and counted") {
     Farm farm;
     farm.client_arrives("c");
-    farm.say("c", TileRendered{id_of<JobId>(1), {}, {}, {}, {}, {Blob(Bytes(3))}});
+    farm.say("c", TileRendered{id_of<JobId>(1), {}, {}, {}, {}, 0, {}, {Blob(Bytes(3))}});
     CHECK(farm.last<Refused>("c").code == RefusalCode::unexpected);
     farm.worker_arrives("w", 1, 1, 1);
     farm.say("w", Farm::picture(1, 1));

@@ -589,7 +589,8 @@ TEST_CASE("whatever workers do no credit is overrun and every job ends right") {
                 Message rubbish =
                     random_message(rng); // well-formed, but for those that set the credit
                 while (std::holds_alternative<WorkerHello>(rubbish) ||
-                       std::holds_alternative<WorkerBeat>(rubbish))
+                       std::holds_alternative<WorkerBeat>(rubbish) ||
+                       std::holds_alternative<BrokerHello>(rubbish)) // and then it stands for ours
                     rubbish = random_message(rng);
                 farm.say(peer, rubbish);
                 if (farm.dispatcher.worker_count() < workers.size()) {

@@ -21,6 +21,7 @@
 
 using namespace fraja;
 using namespace fraja::broker;
+using namespace std::chrono_literals;
 namespace fs = std::filesystem;
 
 namespace {
@@ -72,14 +73,34 @@ JobId fill(const fs::path& directory, std::uint32_t tiles) {
 TEST_CASE("a store of a newer broker is refused and says what to do") {
     const TempDirectory directory;
     fill(directory.path(), 1);
-    execute(directory.file(), "PRAGMA user_version = 2");
+    execute(directory.file(), "PRAGMA user_version = 3");
     const std::string before = bytes_of(directory.file());
     const Error error = refusal(directory.path());
     CHECK(error.code == ErrorCode::version_mismatch);
     says(error, directory.file().string() + " was written by a newer fraja-broker (store version "
-                                            "2, this one knows 1): use that one, or another "
+                                            "3, this one knows 2): use that one, or another "
                                             "--state");
     CHECK(bytes_of(directory.file()) == before);
+}
+
+TEST_CASE("a store of an earlier broker is read, and goes on as one of this") {
+    const TempDirectory directory;
+    const JobId job = fill(directory.path(), 3);
+    execute(directory.file(), "ALTER TABLE jobs DROP COLUMN revised_by;"
+                              "ALTER TABLE jobs DROP COLUMN revision;"
+                              "PRAGMA user_version = 1");
+    for (int opened = 0; opened < 2; ++opened) {
+        Store store = open_store(directory.path());
+        const Contents contents = contents_of(store);
+        REQUIRE(contents.jobs.size() == 1);
+        CHECK(contents.jobs[0].tiles.size() == 3);
+        CHECK(contents.jobs[0].revision == protocol::Revision{});
+        CHECK(contents.jobs[0].submission.job == job);
+        commit(store, {PutPriority{job, 3, {}}});
+        CHECK(Database::open(directory.file(), DatabaseAccess::reading)
+                  ->integer("PRAGMA user_version")
+                  .value() == store_version);
+    }
 }
 
 TEST_CASE("a file that is no store is refused and left as it is") {

@@ -465,6 +465,9 @@ private:
     }
 
     void check(const broker::Log&) {}
+    void check(const broker::Dial&) {} // who says hello as a broker is called back
+    void check(const broker::HangUp&) {}
+    void check(const broker::Tell& words) { (void)encode(words.message); }
     void check(const broker::Persist& persist) {
         FRAJA_ASSERT(kept_ && persist.sequence == ++persisted_);
         writing_.push_back(persist);

@@ -22,9 +22,9 @@ std::string described(const client::Question& wish) {
 
 } // namespace
 
-Administrator::Administrator(Farm& farm, Network& network, Stream& stream,
+Administrator::Administrator(Farm& farm, const Sites& sites,
                              const std::vector<std::unique_ptr<ClientNode>>& clients)
-    : farm_(farm), clients_(clients), runner_(farm, network, stream, 9'000) {}
+    : farm_(farm), sites_(sites), clients_(clients), runner_(farm, sites, 9'000) {}
 
 void Administrator::meddle() {
     if (!wishes_.empty() || runner_.is_running())
@@ -63,8 +63,8 @@ void Administrator::undo_all() {
 void Administrator::ask_next() {
     if (wishes_.empty() || runner_.is_running())
         return;
-    runner_.start(std::make_unique<client::Asking>(wishes_.front(),
-                                                   client::SessionOptions{{"sim"}, 1h, "ctl"}),
+    runner_.start(std::make_unique<client::Asking>(
+                      wishes_.front(), client::SessionOptions{endpoints_of(sites_), 1h, "ctl"}),
                   [this](const client::News& news) {
                       if (!std::holds_alternative<client::Finished>(news))
                           return;

@@ -12,7 +12,7 @@ namespace fraja::sim {
 
 class Administrator {
 public:
-    Administrator(Farm& farm, Network& network, Stream& stream,
+    Administrator(Farm& farm, const Sites& sites,
                   const std::vector<std::unique_ptr<ClientNode>>& clients);
 
     /// One thing or other, unless the last is not through.
@@ -24,6 +24,7 @@ private:
     [[nodiscard]] client::Question any_wish();
 
     Farm& farm_;
+    const Sites& sites_;
     const std::vector<std::unique_ptr<ClientNode>>& clients_;
     CoreRunner runner_;
     std::deque<client::Question> wishes_;

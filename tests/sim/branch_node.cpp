@@ -12,12 +12,12 @@ using namespace std::chrono_literals;
 
 BranchNode::BranchNode(Farm& farm, Network& above, std::size_t index)
     : farm_(farm), above_(above), index_(index), below_(farm, process_) {
-    process_.hear = [this](protocol::Message&& message) {
+    line_.hear = [this](protocol::Message&& message) {
         if (session_)
             step(worker::Received{std::move(message)});
         serve();
     };
-    process_.reconnected = [this] {
+    line_.reconnected = [this] {
         above_.in_process(process_, [this] {
             flush();
             plan_tick();
@@ -48,7 +48,7 @@ void BranchNode::start() {
 void BranchNode::crash() {
     if (!process_.running)
         return;
-    above_.disconnect(process_);
+    above_.disconnect(line_);
     above_.end_life(process_);
     dispatcher_.reset();
     close();
@@ -111,7 +111,7 @@ void BranchNode::greet() {
                                                            {"gpu"}},
                                           worker::Limits{});
     leaving_ = finished_ = false;
-    above_.connect(process_, process_.reconnected);
+    above_.connect(line_);
     step(worker::Tick{});
 }
 
@@ -138,13 +138,13 @@ void BranchNode::serve() {
         closed_until_ = farm_.now() + linger;
         close();
         if (linger == 0s)
-            above_.disconnect(process_);
+            above_.disconnect(line_);
     }
     plan_tick();
 }
 
 void BranchNode::close() {
-    ++process_.socket;
+    ++line_.socket;
     session_.reset();
     branch_.reset();
     outbox_.clear();
@@ -160,7 +160,7 @@ void BranchNode::step(const worker::Event& event) {
 }
 
 void BranchNode::flush() {
-    while (!outbox_.empty() && above_.to_broker(process_, outbox_.front()))
+    while (!outbox_.empty() && above_.to_broker(line_, outbox_.front()))
         outbox_.pop_front();
 }
 

@@ -24,6 +24,7 @@ public:
     /// And starts again, in its time.
     void crash();
     [[nodiscard]] Process& process() { return process_; }
+    [[nodiscard]] Line& line() { return line_; }
     /// Where its own workers are.
     [[nodiscard]] Network& below() { return below_; }
 
@@ -32,6 +33,9 @@ private:
     void perform(broker::Send&& send);
     void perform(const broker::OrderFilled& filled);
     void perform(const broker::OrderFailed& failed);
+    void perform(const broker::Dial&) {} // nobody stands for it
+    void perform(const broker::HangUp&) {}
+    void perform(const broker::Tell&) {}
     void perform(const broker::Publish&) {} // nobody watches
     void perform(const broker::Persist&);
     void perform(const broker::SendStored&) {}
@@ -56,6 +60,7 @@ private:
     Network& above_;
     std::size_t index_;
     Process process_; ///< a node above, the broker below
+    Line line_{process_};
     Network below_;
     std::unique_ptr<broker::Dispatcher> dispatcher_;
     std::deque<broker::Event> events_; ///< that what was done has led to

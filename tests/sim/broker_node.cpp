@@ -9,9 +9,19 @@ namespace fraja::sim {
 
 using namespace std::chrono_literals;
 
-BrokerNode::BrokerNode(Farm& farm, Process& process, Network& network, Stream& stream)
-    : farm_(farm), process_(process), network_(network), stream_(stream), disk_(farm),
+BrokerNode::BrokerNode(Farm& farm, const Sites& sites, std::size_t index)
+    : farm_(farm), sites_(sites), site_(*sites[index]), name_("broker " + std::to_string(index)),
+      process_(site_.process), network_(site_.network), stream_(site_.stream), disk_(farm),
       referee_(farm) {
+    for (const auto& other : sites) {
+        if (other.get() == &site_)
+            continue;
+        Call& call = *calls_.emplace(other->endpoint, std::make_unique<Call>(*other, process_))
+                          .first->second;
+        call.line.hear = [this, &call](protocol::Message&& message) {
+            step(broker::BrokerSaid{call.site.endpoint, std::move(message)});
+        };
+    }
     process_.tick = [this] { step(broker::Tick{}); };
     network_.broker_hears = [this](broker::PeerId peer, protocol::Message&& message) {
         step(broker::PeerSaid{std::move(peer), std::move(message)});
@@ -31,8 +41,20 @@ BrokerNode::BrokerNode(Farm& farm, Process& process, Network& network, Stream& s
 void BrokerNode::start() {
     network_.begin_life(process_);
     const bool keeps = farm_.scenario.store.there;
+    std::vector<std::string> peers; // some know only the first one, which tells of all
+    for (const auto& other : sites_)
+        if (other.get() != &site_ &&
+            (farm_.rng.below(2) == 0 || other == sites_.front() || &site_ == sites_.front().get()))
+            peers.push_back(other->endpoint);
     dispatcher_ = std::make_unique<broker::Dispatcher>(
-        broker::Dispatcher::Identity{farm_.make_id<BrokerId>(), ++epoch_, "tcp://sim:50058", keeps},
+        broker::Dispatcher::Identity{.broker = farm_.make_id<BrokerId>(),
+                                     .epoch = ++epoch_,
+                                     .stream = "tcp://sim:50058",
+                                     .keeps = keeps,
+                                     .started_at = farm_.now(),
+                                     .unix_offset = disk_.wall_now() - farm_.now().since_start,
+                                     .endpoint = sites_.size() > 1 ? site_.endpoint : std::string(),
+                                     .peers = std::move(peers)},
         farm_.scenario.limits);
     if (keeps) {
         broker::Restored restored{disk_.kept().contents(disk_.wall_now()), {}};
@@ -58,6 +80,10 @@ void BrokerNode::crash() {
     disk_.crash(farm_.rng.unit() < farm_.scenario.faults.machine_crashes);
     stream_.break_all();
     network_.break_all_lines();
+    for (const auto& [endpoint, call] : calls_) {
+        call->site.network.disconnect(call->line);
+        ++call->line.socket;
+    }
     farm_.agenda.after(farm_.between(10ms, farm_.scenario.faults.restart_max), [this] { start(); });
 }
 
@@ -81,12 +107,38 @@ void BrokerNode::step(broker::Event&& first) {
 void BrokerNode::describe() const {
     if (dispatcher_)
         for (const std::string& line : dispatcher_->describe(farm_.now()))
-            farm_.log(line);
+            farm_.log(name_ + ": " + line);
 }
 
 void BrokerNode::perform(broker::Send&& send) {
     if (!network_.to_node(send.peer, std::move(send.message)))
         events_.push_back(broker::PeerUnreachable{send.peer});
+}
+
+std::vector<Node> BrokerNode::lines() {
+    std::vector<Node> all;
+    for (const auto& [endpoint, call] : calls_)
+        all.push_back({&call->line, &call->site.network});
+    return all;
+}
+
+void BrokerNode::perform(broker::Dial&& dial) {
+    const auto found = calls_.find(dial.endpoint);
+    if (found == calls_.end())
+        return farm_.violation(name_ + " calls " + dial.endpoint);
+    if (!found->second->line.wanted)
+        found->second->site.network.connect(found->second->line);
+}
+
+void BrokerNode::perform(broker::HangUp&& gone) {
+    Call& call = *calls_.at(gone.endpoint);
+    call.site.network.disconnect(call.line);
+    ++call.line.socket;
+}
+
+void BrokerNode::perform(broker::Tell&& words) {
+    Call& call = *calls_.at(words.endpoint);
+    (void)call.site.network.to_broker(call.line, words.message);
 }
 
 void BrokerNode::perform(broker::Publish&& publish) {

@@ -24,38 +24,54 @@ Bytes scene_of(std::size_t size, std::size_t index) {
     return scene;
 }
 
-client::SessionOptions session_options() {
-    return {{"sim"}, 1h, "sim"};
-}
-
 } // namespace
 
 // -------------------------------------------------------------------------------------- any core
 
-CoreRunner::CoreRunner(Farm& farm, Network& network, Stream& stream, std::uint64_t name)
-    : farm_(farm), network_(network), stream_(stream),
-      name_(name), subscriber_{process_, [this](const protocol::Message& message) {
-                                   step(client::FromStream{message});
-                               }} {
-    process_.hear = [this](protocol::Message&& message) {
-        step(client::FromBroker{std::move(message)});
-    };
+CoreRunner::CoreRunner(Farm& farm, const Sites& sites, std::uint64_t name)
+    : farm_(farm), name_(name) {
     process_.tick = [this] { step(client::Tick{}); };
-    // Its socket has found the broker again by itself: nothing that the core hears of.
-    process_.reconnected = [this] {
-        network_.in_process(process_, [this] { step(client::Tick{}); });
-    };
+    for (const auto& site : sites) {
+        Way& way = *ways_.emplace_back(std::make_unique<Way>(*site, process_));
+        way.line.hear = [this](protocol::Message&& message) {
+            step(client::FromBroker{std::move(message)});
+        };
+        // Its socket has found the broker again by itself: nothing that the core hears of.
+        way.line.reconnected = [this, &way] {
+            way.site.network.in_process(process_, [this] { step(client::Tick{}); });
+        };
+        way.subscriber.hear = [this](const protocol::Message& message) {
+            step(client::FromStream{message});
+        };
+    }
+}
+
+std::vector<Node> CoreRunner::lines() {
+    std::vector<Node> all;
+    for (const auto& way : ways_)
+        all.push_back({&way->line, &way->site.network});
+    return all;
 }
 
 void CoreRunner::start(std::unique_ptr<client::Core> core,
                        std::function<void(const client::News&)> on_news) {
-    network_.begin_life(process_);
-    stream_.open(subscriber_);
+    close();
+    ways_.front()->site.network.begin_life(process_);
     core_ = std::move(core);
     on_news_ = std::move(on_news);
     std::vector<client::Action> actions;
     core_->start(farm_.now(), actions);
     perform(actions);
+}
+
+/// Both sockets.
+void CoreRunner::close() {
+    for (const auto& way : ways_) {
+        way->site.stream.open(way->subscriber);
+        way->site.network.disconnect(way->line);
+        ++way->line.socket;
+    }
+    way_ = nullptr;
 }
 
 void CoreRunner::step(const client::Event& event) {
@@ -74,31 +90,40 @@ void CoreRunner::perform(std::vector<client::Action>& actions) {
             core_->step(farm_.now(), client::NotSent{}, actions);
     }
     if (process_.running)
-        network_.wake(process_, core_->next_deadline());
+        ways_.front()->site.network.wake(process_, core_->next_deadline());
 }
 
-bool CoreRunner::perform(client::Connect&&) {
-    network_.disconnect(process_);
-    network_.connect(process_, process_.reconnected);
+bool CoreRunner::perform(client::Connect&& connect) {
+    close();
+    const auto found = std::ranges::find_if(
+        ways_, [&](const auto& way) { return way->site.endpoint == connect.broker; });
+    if (found == ways_.end()) {
+        farm_.violation("a client looks for a broker at " + connect.broker);
+        return true;
+    }
+    way_ = found->get();
+    way_->site.network.connect(way_->line);
     return true;
 }
 bool CoreRunner::perform(client::OpenStream&&) {
-    stream_.open(subscriber_);
+    way_->site.stream.open(way_->subscriber);
     return true;
 }
 bool CoreRunner::perform(client::Subscribe&& subscribe) {
-    stream_.subscribe(subscriber_, subscribe.topic);
+    way_->site.stream.subscribe(way_->subscriber, subscribe.topic);
     return true;
 }
 bool CoreRunner::perform(client::Unsubscribe&& unsubscribe) {
-    stream_.unsubscribe(subscriber_, unsubscribe.topic);
+    way_->site.stream.unsubscribe(way_->subscriber, unsubscribe.topic);
     return true;
+}
+bool CoreRunner::perform(client::Send&& send) {
+    return way_ && way_->site.network.to_broker(way_->line, send.message);
 }
 bool CoreRunner::perform(client::News&& news) {
     if (std::holds_alternative<client::Finished>(news)) {
-        stream_.open(subscriber_);
-        network_.disconnect(process_);
-        network_.end_life(process_);
+        close();
+        ways_.front()->site.network.end_life(process_);
     }
     on_news_(news);
     return true;
@@ -106,8 +131,17 @@ bool CoreRunner::perform(client::News&& news) {
 
 // --------------------------------------------------------------------------------- one with a job
 
-ClientNode::ClientNode(Farm& farm, Network& network, Stream& stream, std::size_t index)
-    : farm_(farm), index_(index), runner_(farm, network, stream, 3'000 + 100 * index) {}
+ClientNode::ClientNode(Farm& farm, const Sites& sites, std::size_t index)
+    : farm_(farm), sites_(sites), index_(index), runner_(farm, sites, 3'000 + 100 * index) {}
+
+/// It may know all brokers, or only one, which tells of the others.
+client::SessionOptions ClientNode::session_options() {
+    std::vector<std::string> brokers = endpoints_of(sites_);
+    std::rotate(brokers.begin(),
+                brokers.begin() + static_cast<std::ptrdiff_t>(farm_.rng.below(brokers.size())),
+                brokers.end());
+    return {std::move(brokers), 1h, "sim"};
+}
 
 void ClientNode::start() {
     const JobPlan& plan = farm_.scenario.jobs[index_];

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "client/core.hpp"
+#include "client/session.hpp"
 #include "common/protocol/cells.hpp"
-#include "tests/sim/network.hpp"
-#include "tests/sim/stream.hpp"
+#include "tests/sim/site.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -19,7 +19,7 @@ namespace fraja::sim {
 class CoreRunner {
 public:
     /// `name` goes into the history.
-    CoreRunner(Farm& farm, Network& network, Stream& stream, std::uint64_t name);
+    CoreRunner(Farm& farm, const Sites& sites, std::uint64_t name);
     CoreRunner(const CoreRunner&) = delete; // the network knows where it is
     CoreRunner& operator=(const CoreRunner&) = delete;
 
@@ -28,24 +28,34 @@ public:
                std::function<void(const client::News&)> on_news);
     [[nodiscard]] bool is_running() const { return process_.running; }
     [[nodiscard]] Process& process() { return process_; }
+    /// With the networks that they are in.
+    [[nodiscard]] std::vector<Node> lines();
 
 private:
     void step(const client::Event& event);
     void perform(std::vector<client::Action>& actions);
     /// False: it could not be sent.
-    bool perform(client::Connect&&);
+    bool perform(client::Connect&& connect);
     bool perform(client::OpenStream&&);
     bool perform(client::Subscribe&& subscribe);
     bool perform(client::Unsubscribe&& unsubscribe);
-    bool perform(client::Send&& send) { return network_.to_broker(process_, send.message); }
+    bool perform(client::Send&& send);
     bool perform(client::News&& news);
 
+    /// To one of the brokers.
+    struct Way {
+        Way(Site& s, Process& process) : site(s), line(process), subscriber{line, {}} {}
+        Site& site;
+        Line line;
+        Subscriber subscriber;
+    };
+    void close();
+
     Farm& farm_;
-    Network& network_;
-    Stream& stream_;
     std::uint64_t name_;
     Process process_;
-    Subscriber subscriber_;
+    std::vector<std::unique_ptr<Way>> ways_;
+    Way* way_ = nullptr; ///< that it goes; null: none yet
     std::unique_ptr<client::Core> core_;
     std::function<void(const client::News&)> on_news_;
 };
@@ -53,14 +63,16 @@ private:
 /// Submits a job and follows it to its end, also when it was cancelled meanwhile.
 class ClientNode {
 public:
-    ClientNode(Farm& farm, Network& network, Stream& stream, std::size_t index);
+    ClientNode(Farm& farm, const Sites& sites, std::size_t index);
 
     void start();
     [[nodiscard]] bool is_over() const { return over_; }
     [[nodiscard]] const JobId& job() const { return job_.job; }
     [[nodiscard]] Process& process() { return runner_.process(); }
+    [[nodiscard]] std::vector<Node> lines() { return runner_.lines(); }
 
 private:
+    [[nodiscard]] client::SessionOptions session_options();
     void watch();
     void take(const client::News& news);
     void take(const protocol::TileDone& tile);
@@ -70,6 +82,7 @@ private:
     void violation(const std::string& what);
 
     Farm& farm_;
+    const Sites& sites_;
     std::size_t index_;
     CoreRunner runner_;
     protocol::SubmitJob job_;

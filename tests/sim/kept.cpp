@@ -28,6 +28,7 @@ void Kept::put(const broker::PutJob& put, Duration now) {
         at->second.job.submission = put.submission;
         at->second.job.number = put.number;
         at->second.job.passes = put.passes;
+        at->second.job.revision = put.revision;
         at->second.submitted_at = now;
     }
     std::erase_if(tombstones_, [&](const auto& tombstone) { return tombstone.first == id; });
@@ -49,13 +50,24 @@ void Kept::put(const broker::PutPhase& put, Duration now) {
     kept.job.phase = put.phase;
     kept.job.reason = put.reason;
     kept.job.elapsed = put.elapsed;
+    kept.job.revision = put.revision;
     kept.over_at =
         protocol::is_over(put.phase) ? kept.over_at.value_or(now) : std::optional<Duration>();
 }
 
 void Kept::put(const broker::PutPriority& put, Duration) {
-    if (const auto job = jobs_.find(put.job); job != jobs_.end())
+    if (const auto job = jobs_.find(put.job); job != jobs_.end()) {
         job->second.job.submission.priority = put.priority;
+        job->second.job.revision = put.revision;
+    }
+}
+
+void Kept::put(const broker::PutNumber& put, Duration) {
+    if (const auto job = jobs_.find(put.job); job != jobs_.end()) {
+        job->second.job.number = put.number;
+        job->second.job.revision = put.revision;
+    }
+    last_number_ = std::max(last_number_, put.number);
 }
 
 void Kept::put(const broker::ForgetJob& forget, Duration now) {

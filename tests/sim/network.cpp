@@ -78,47 +78,47 @@ Instant Network::arrival(const Line& line, Instant& last) {
     return last;
 }
 
-void Network::connect(Process& process, const std::function<void()>& connected) {
-    if (std::ranges::find(known_, &process) == known_.end())
-        known_.push_back(&process);
-    const std::uint64_t life = process.life, generation = ++process.line.generation;
-    process.line.up = false;
-    farm_.agenda.after(farm_.delay(), [this, &process, life, generation, connected] {
-        if (!process.running || process.life != life || process.line.generation != generation)
+void Network::connect(Line& line) {
+    if (std::ranges::find(known_, &line) == known_.end())
+        known_.push_back(&line);
+    const std::uint64_t life = line.owner.life, generation = ++line.generation;
+    line.wanted = true;
+    line.up = false;
+    farm_.agenda.after(farm_.delay(), [this, &line, life, generation] {
+        if (!line.owner.running || line.owner.life != life || line.generation != generation)
             return;
-        if (!broker_.running || farm_.now() < process.line.silent_until)
-            return farm_.agenda.after(100ms, [this, &process, life, generation, connected] {
-                if (process.life == life && process.line.generation == generation)
-                    connect(process, connected);
+        if (!broker_.running || farm_.now() < line.silent_until)
+            return farm_.agenda.after(100ms, [this, &line, life, generation] {
+                if (line.owner.life == life && line.generation == generation)
+                    connect(line);
             });
-        process.line.up = true;
-        process.line.to_broker = process.line.to_node = farm_.now();
-        process.line.peer = "peer " + std::to_string(++peers_);
-        lines_[process.line.peer] = {&process, generation};
-        if (connected)
-            connected();
+        line.up = true;
+        line.to_broker = line.to_node = farm_.now();
+        line.peer = "peer " + std::to_string(++peers_);
+        lines_[line.peer] = {&line, generation};
+        if (line.reconnected)
+            line.reconnected();
     });
 }
 
-void Network::disconnect(Process& process) {
-    if (!process.line.up)
-        return;
-    lines_.erase(process.line.peer);
-    process.line.up = false;
-    ++process.line.generation;
+void Network::disconnect(Line& line) {
+    if (line.up)
+        lines_.erase(line.peer);
+    line.wanted = line.up = false;
+    ++line.generation;
 }
 
-void Network::break_line(Process& process) {
-    if (!process.running)
+void Network::break_line(Line& line) {
+    if (!line.owner.running || !line.wanted)
         return;
-    disconnect(process);
-    connect(process, process.reconnected);
+    disconnect(line);
+    connect(line);
 }
 
-void Network::silence(Process& process, Instant until) {
-    process.line.silent_until = std::max(process.line.silent_until, until);
+void Network::silence(Line& line, Instant until) {
+    line.silent_until = std::max(line.silent_until, until);
     if (until - farm_.now() > connection_patience)
-        break_line(process);
+        break_line(line);
 }
 
 void Network::break_all_lines() {
@@ -134,18 +134,16 @@ void Network::plan_arrival(Instant when, protocol::Message&& message, F arrive) 
     farm_.agenda.at(when, [arrive, message = std::move(message)]() mutable { arrive(message); });
 }
 
-bool Network::to_broker(Process& process, protocol::Message& message) {
-    Line& line = process.line;
+bool Network::to_broker(Line& line, protocol::Message& message) {
     if (!line.up)
         return false;
     line.hellos_said += std::holds_alternative<protocol::WorkerHello>(message);
     plan_arrival(arrival(line, line.to_broker), std::move(message),
-                 [this, &process, generation = line.generation, hellos = line.hellos_said,
+                 [this, &line, generation = line.generation, hellos = line.hellos_said,
                   peer = line.peer](protocol::Message& arrived) {
-                     if (process.line.generation != generation ||
-                         hellos < process.line.hellos_heard)
+                     if (line.generation != generation || hellos < line.hellos_heard)
                          return;
-                     process.line.hellos_heard = hellos;
+                     line.hellos_heard = hellos;
                      in_process(broker_, [this, peer, arrived = std::move(arrived)]() mutable {
                          broker_hears(std::move(peer), std::move(arrived));
                      });
@@ -157,23 +155,23 @@ bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
     const auto found = lines_.find(peer);
     if (found == lines_.end())
         return false;
-    Process& process = *found->second.first;
-    plan_arrival(arrival(process.line, process.line.to_node), std::move(message),
-                 [this, &process, generation = found->second.second](protocol::Message& arrived) {
-                     if (process.line.generation == generation && process.line.up)
-                         in_process(process, [&process, socket = process.socket,
-                                              arrived = std::move(arrived)]() mutable {
-                             if (process.socket == socket)
-                                 process.hear(std::move(arrived));
+    Line& line = *found->second.first;
+    plan_arrival(arrival(line, line.to_node), std::move(message),
+                 [this, &line, generation = found->second.second](protocol::Message& arrived) {
+                     if (line.generation == generation && line.up)
+                         in_process(line.owner, [&line, socket = line.socket,
+                                                 arrived = std::move(arrived)]() mutable {
+                             if (line.socket == socket)
+                                 line.hear(std::move(arrived));
                          });
                  });
     return true;
 }
 
 void cut_off(const std::set<const Process*>& group, const std::vector<Node>& nodes, Instant until) {
-    for (const auto& [process, network] : nodes)
-        if (group.contains(process) != group.contains(&network->broker()))
-            network->silence(*process, until);
+    for (const auto& [line, network] : nodes)
+        if (group.contains(&line->owner) != group.contains(&network->broker()))
+            network->silence(*line, until);
 }
 
 } // namespace fraja::sim

@@ -15,16 +15,6 @@
 
 namespace fraja::sim {
 
-/// From a node to the broker and back: in order each way, but for duplicates; lost when it breaks.
-struct Line {
-    std::uint64_t generation = 0; ///< of the connection; another one, another peer
-    bool up = false;
-    broker::PeerId peer;            ///< while it is up
-    Instant to_broker{}, to_node{}; ///< when the last message arrives
-    Instant silent_until{};
-    std::uint64_t hellos_said = 0, hellos_heard = 0; ///< a worker's; what is older is void
-};
-
 /// One of the farm's programs. Whatever comes to one that stands still waits, in order.
 struct Process {
     std::uint64_t life = 0; ///< counts its starts and ends
@@ -33,11 +23,26 @@ struct Process {
     std::deque<Deed> backlog;                                        ///< of what came since
     Instant deadline = Instant::never(), planned = Instant::never(); ///< of its next tick
     std::uint32_t hurries = 0; ///< ticks that were due at once, one after the other
-    Line line;
-    std::uint64_t socket = 0; ///< what has come by an earlier one is not heard any more
+    std::function<void()> tick;
+};
+
+/// From a program to a broker and back: in order each way, but for duplicates; lost when it breaks.
+struct Line {
+    explicit Line(Process& process) : owner(process) {}
+    Line(const Line&) = delete; // the network knows where it is
+    Line& operator=(const Line&) = delete;
+
+    Process& owner;
     std::function<void(protocol::Message&&)> hear; ///< from the broker
     std::function<void()> reconnected; ///< its socket has found the broker again by itself
-    std::function<void()> tick;
+    std::uint64_t socket = 0;          ///< what has come by an earlier one is not heard any more
+    std::uint64_t generation = 0;      ///< of the connection; another one, another peer
+    bool wanted = false;               ///< it has connected, and goes on to want that
+    bool up = false;
+    broker::PeerId peer;            ///< while it is up
+    Instant to_broker{}, to_node{}; ///< when the last message arrives
+    Instant silent_until{};
+    std::uint64_t hellos_said = 0, hellos_heard = 0; ///< a worker's; what is older is void
 };
 
 class Network {
@@ -62,15 +67,15 @@ public:
     /// Its tick is due then; any that was planned is not.
     void wake(Process& process, Instant deadline);
 
-    /// A process that connects is known to the network from then on: it must stay where it is.
-    void connect(Process& process, const std::function<void()>& connected = {});
-    void disconnect(Process& process);
-    void break_line(Process& process);
+    /// A line that connects is known to the network from then on: it must stay where it is.
+    void connect(Line& line);
+    void disconnect(Line& line);
+    void break_line(Line& line);
     /// Nothing goes through before that.
-    void silence(Process& process, Instant until);
+    void silence(Line& line, Instant until);
     void break_all_lines();
     /// Whether it left; then it is moved from.
-    bool to_broker(Process& process, protocol::Message& message);
+    bool to_broker(Line& line, protocol::Message& message);
     /// False: there is no such peer.
     bool to_node(const broker::PeerId& peer, protocol::Message&& message);
 
@@ -85,13 +90,13 @@ private:
     Farm& farm_;
     Process& broker_;
     std::uint64_t peers_ = 0;
-    std::map<broker::PeerId, std::pair<Process*, std::uint64_t>> lines_;
-    std::vector<Process*> known_;
+    std::map<broker::PeerId, std::pair<Line*, std::uint64_t>> lines_;
+    std::vector<Line*> known_;
 };
 
-/// A process, and the network that it is in.
+/// A line, and the network that it is in.
 struct Node {
-    Process* process;
+    Line* line;
     Network* network;
 };
 

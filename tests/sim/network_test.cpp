@@ -21,12 +21,12 @@ struct Pair {
             else
                 heard.push_back(std::get<protocol::WorkerBeat>(message).credit);
         };
-        node.hear = [this](protocol::Message&& message) {
+        line.hear = [this](protocol::Message&& message) {
             heard.push_back(std::get<protocol::RenderTile>(message).pass);
         };
         network.begin_life(broker);
         network.begin_life(node);
-        network.connect(node);
+        network.connect(line);
         run();
     }
     void run() {
@@ -35,21 +35,22 @@ struct Pair {
     }
     void say(std::uint32_t number) {
         protocol::Message message = protocol::WorkerBeat{.credit = number, .in_flight = {}};
-        REQUIRE(network.to_broker(node, message));
+        REQUIRE(network.to_broker(line, message));
     }
     void say_hello() {
         protocol::Message message = protocol::WorkerHello{};
-        REQUIRE(network.to_broker(node, message));
+        REQUIRE(network.to_broker(line, message));
     }
     void send_order(std::uint32_t number) {
         protocol::RenderTile order;
         order.pass = number;
-        REQUIRE(network.to_node(node.line.peer, std::move(order)));
+        REQUIRE(network.to_node(line.peer, std::move(order)));
     }
 
     static constexpr std::uint32_t hello = 1'000;
     Farm farm;
     Process broker, node;
+    Line line{node};
     Network network;
     std::vector<std::uint32_t> heard; ///< their numbers
 };
@@ -121,7 +122,7 @@ TEST_CASE("a duplicate is lost with its connection") {
     const Scenario s = scenario_with(1, 1h);
     Pair pair(s);
     pair.say(1);
-    pair.network.break_line(pair.node);
+    pair.network.break_line(pair.line);
     pair.run();
     CHECK(pair.heard.empty());
 }
@@ -131,15 +132,16 @@ TEST_CASE("a cut goes between a group and all others, and nowhere else") {
     Farm farm(s);
     Process root, branch, with_branch, elsewhere;
     Network above(farm, root), below(farm, branch);
+    Line of_branch(branch), of_one_with_it(with_branch), of_one_elsewhere(elsewhere);
     const std::vector<Node> nodes = {
-        {&branch, &above}, {&with_branch, &below}, {&elsewhere, &above}};
+        {&of_branch, &above}, {&of_one_with_it, &below}, {&of_one_elsewhere, &above}};
     const auto cut = [&](const std::set<const Process*>& group) {
         for (const Node& node : nodes)
-            node.process->line.silent_until = {};
+            node.line->silent_until = {};
         cut_off(group, nodes, Instant{} + 10s);
         std::vector<bool> silent;
         for (const Node& node : nodes)
-            silent.push_back(node.process->line.silent_until > Instant{});
+            silent.push_back(node.line->silent_until > Instant{});
         return silent;
     };
     CHECK(cut({&branch, &with_branch}) == std::vector{true, false, false});
@@ -152,7 +154,7 @@ TEST_CASE("a cut goes between a group and all others, and nowhere else") {
 TEST_CASE("what is said across a cut goes through when it heals, or breaks with its connection") {
     const Scenario s = scenario_with(0, {});
     Pair pair(s);
-    const std::vector<Node> nodes = {{&pair.node, &pair.network}};
+    const std::vector<Node> nodes = {{&pair.line, &pair.network}};
     cut_off({&pair.node}, nodes, pair.farm.now() + 10s);
     const Instant healed = pair.farm.now() + 10s;
     pair.say(1);
@@ -163,7 +165,7 @@ TEST_CASE("what is said across a cut goes through when it heals, or breaks with 
     cut_off({&pair.node}, nodes, pair.farm.now() + 40s);
     pair.run();
     CHECK(pair.heard == std::vector<std::uint32_t>{1});
-    CHECK(pair.node.line.up); // it has found back
+    CHECK(pair.line.up); // it has found back
 }
 
 TEST_CASE(

@@ -73,6 +73,7 @@ struct Scenario {
     StorePlan store;
     std::vector<WorkerPlan> workers;
     std::size_t branches = 0; ///< brokers that serve the one above as workers
+    std::size_t brokers = 1;  ///< that stand for each other; with more than one no branches
     std::vector<JobPlan> jobs;
     Duration compile_min = std::chrono::milliseconds(1); ///< of a scene at a worker
     Duration compile_max = std::chrono::milliseconds(50);

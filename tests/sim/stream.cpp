@@ -57,10 +57,10 @@ void Stream::publish(const std::string& topic, protocol::Message&& message) {
         if (!farm_.healed() && farm_.rng.unit() < farm_.scenario.faults.stream_drop)
             continue;
         subscriber->last = std::max(
-            {subscriber->last, farm_.now() + farm_.delay(), subscriber->process.line.silent_until});
+            {subscriber->last, farm_.now() + farm_.delay(), subscriber->line.silent_until});
         const auto arrive = [this, subscriber, generation = subscriber->generation, shared] {
             if (subscriber->generation == generation)
-                network_.in_process(subscriber->process,
+                network_.in_process(subscriber->line.owner,
                                     [subscriber, shared] { subscriber->hear(*shared); });
         };
         farm_.agenda.at(subscriber->last, arrive);

@@ -15,7 +15,7 @@
 namespace fraja::sim {
 
 struct Subscriber {
-    Process& process;
+    Line& line; ///< its session's
     std::function<void(const protocol::Message&)> hear;
     std::set<std::string> topics{};
     std::uint64_t generation = 0; ///< of its connection

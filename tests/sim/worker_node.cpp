@@ -29,10 +29,10 @@ Blob black(std::size_t size) {
 
 WorkerNode::WorkerNode(Farm& farm, Network& network, std::size_t index)
     : farm_(farm), network_(network), index_(index), plan_(farm.scenario.workers[index]) {
-    process_.hear = [this](protocol::Message&& message) {
+    line_.hear = [this](protocol::Message&& message) {
         step(worker::Received{std::move(message)});
     };
-    process_.reconnected = [this] { network_.in_process(process_, [this] { flush(); }); };
+    line_.reconnected = [this] { network_.in_process(process_, [this] { flush(); }); };
     process_.tick = [this] {
         worker::Tick tick;
         for (const auto& [ticket, rendering] : rendering_)
@@ -53,14 +53,14 @@ void WorkerNode::start() {
         worker::Identity{farm_.make_id<WorkerId>(), "worker " + std::to_string(index_),
                          plan_.threads, plan_.tags},
         worker::Limits{});
-    network_.connect(process_, process_.reconnected);
+    network_.connect(line_);
     step(worker::Tick{});
 }
 
 void WorkerNode::crash() {
     if (!process_.running)
         return;
-    network_.disconnect(process_);
+    network_.disconnect(line_);
     network_.end_life(process_);
     session_.reset();
     farm_.agenda.after(farm_.between(10ms, farm_.scenario.faults.restart_max), [this] { start(); });
@@ -77,7 +77,7 @@ void WorkerNode::step(const worker::Event& event) {
 }
 
 void WorkerNode::flush() {
-    while (!outbox_.empty() && network_.to_broker(process_, outbox_.front()))
+    while (!outbox_.empty() && network_.to_broker(line_, outbox_.front()))
         outbox_.pop_front();
 }
 

@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <vector>
 
 namespace fraja::sim {
 
@@ -25,6 +26,7 @@ public:
     [[nodiscard]] Duration stuck_for() const;
     [[nodiscard]] bool has_hung_threads() const { return hung_threads_ > 0; }
     [[nodiscard]] Process& process() { return process_; }
+    [[nodiscard]] std::vector<Node> lines() { return {{&line_, &network_}}; }
 
 private:
     void step(const worker::Event& event);
@@ -54,6 +56,7 @@ private:
     std::size_t index_;
     const WorkerPlan& plan_;
     Process process_;
+    Line line_{process_};
     std::unique_ptr<worker::Session> session_;
     std::deque<protocol::Message> outbox_;
     std::deque<worker::StartTile> waiting_;

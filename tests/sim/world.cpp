@@ -25,24 +25,24 @@ constexpr Duration leases_end = 4min, lease_patience = 30s;
 class World {
 public:
     explicit World(const Scenario& scenario)
-        : farm_(scenario), network_(farm_, broker_process_),
-          stream_(farm_, network_, broker_process_),
-          broker_(farm_, broker_process_, network_, stream_),
-          administrator_(farm_, network_, stream_, clients_) {
+        : farm_(scenario), sites_(make_sites(farm_)), administrator_(farm_, sites_, clients_) {
+        for (std::size_t i = 0; i < sites_.size(); ++i)
+            brokers_.push_back(std::make_unique<BrokerNode>(farm_, sites_, i));
         for (std::size_t i = 0; i < scenario.branches; ++i)
-            branches_.push_back(std::make_unique<BranchNode>(farm_, network_, i));
+            branches_.push_back(std::make_unique<BranchNode>(farm_, sites_[0]->network, i));
         for (std::size_t i = 0; i < scenario.workers.size(); ++i) {
             const std::size_t branch = scenario.workers[i].branch;
-            Network& network = branch == 0 ? network_ : branches_[branch - 1]->below();
+            Network& network = branch == 0 ? sites_[0]->network : branches_[branch - 1]->below();
             workers_.push_back(std::make_unique<WorkerNode>(farm_, network, i));
         }
         for (std::size_t i = 0; i < scenario.jobs.size(); ++i)
-            clients_.push_back(std::make_unique<ClientNode>(farm_, network_, stream_, i));
+            clients_.push_back(std::make_unique<ClientNode>(farm_, sites_, i));
         list_nodes();
     }
 
     Report run() {
-        broker_.start();
+        for (const auto& broker : brokers_)
+            broker->start();
         for (const auto& branch : branches_)
             branch->start();
         for (const auto& worker : workers_)
@@ -56,7 +56,8 @@ public:
                violations.empty()) // a farm that spins would take hours to come to its end
             farm_.agenda.run_next();
         farm_.report.ended_at = farm_.now().since_start;
-        broker_.describe();
+        for (const auto& broker : brokers_)
+            broker->describe();
         if (!violations.empty())
             return std::move(farm_.report);
         for (std::size_t i = 0; i < clients_.size(); ++i)
@@ -67,19 +68,39 @@ public:
     }
 
 private:
-    void list_nodes() {
-        for (const auto& branch : branches_) // before their workers
-            nodes_.push_back({&branch->process(), &network_});
-        for (std::size_t i = 0; i < workers_.size(); ++i) {
-            const std::size_t branch = farm_.scenario.workers[i].branch;
-            nodes_.push_back({&workers_[i]->process(),
-                              branch == 0 ? &network_ : &branches_[branch - 1]->below()});
-        }
-        for (const auto& client : clients_)
-            nodes_.push_back({&client->process(), &network_});
+    static Sites make_sites(Farm& farm) {
+        Sites sites;
+        for (std::size_t i = 0; i < farm.scenario.brokers; ++i)
+            sites.push_back(std::make_unique<Site>(farm, i));
+        return sites;
     }
-    /// A worker, a branch or a client.
-    Node random_node() { return nodes_[farm_.rng.below(nodes_.size())]; }
+    void list_nodes() {
+        const auto add = [this](Process& process, const std::vector<Node>& lines) {
+            processes_.push_back(&process);
+            lines_.insert(lines_.end(), lines.begin(), lines.end());
+        };
+        if (brokers_.size() > 1)
+            for (std::size_t i = 0; i < brokers_.size(); ++i)
+                add(sites_[i]->process, brokers_[i]->lines());
+        for (const auto& branch : branches_) // before their workers
+            add(branch->process(), {{&branch->line(), &sites_[0]->network}});
+        for (const auto& worker : workers_)
+            add(worker->process(), worker->lines());
+        for (const auto& client : clients_)
+            add(client->process(), client->lines());
+    }
+    /// A worker, a branch or a client; of several brokers one as well.
+    Process& random_process() { return *processes_[farm_.rng.below(processes_.size())]; }
+    BrokerNode& random_broker() { return *brokers_[farm_.rng.below(brokers_.size())]; }
+    void break_some_line() {
+        Process& process = random_process();
+        std::vector<Node> own;
+        for (const Node& node : lines_)
+            if (&node.line->owner == &process)
+                own.push_back(node);
+        const Node& node = own[farm_.rng.below(own.size())];
+        node.network->break_line(*node.line);
+    }
     void crash_somebody() {
         const std::size_t i = farm_.rng.below(workers_.size() + branches_.size());
         if (i < workers_.size())
@@ -89,24 +110,23 @@ private:
     }
     void plan_accidents() {
         const Faults& f = farm_.scenario.faults;
-        farm_.every(f.breaks_every, [this] {
-            const Node node = random_node();
-            node.network->break_line(*node.process);
-        });
+        farm_.every(f.breaks_every, [this] { break_some_line(); });
         farm_.every(f.partitions_every, [this] {
-            cut_off(random_group(), nodes_,
+            cut_off(random_group(), lines_,
                     farm_.now() + farm_.between(0s, farm_.scenario.faults.partition_max));
         });
         farm_.every(f.worker_crashes_every, [this] { crash_somebody(); });
-        farm_.every(f.broker_crashes_every, [this] { broker_.crash(); });
+        farm_.every(f.broker_crashes_every, [this] { random_broker().crash(); });
         farm_.every(f.hangs_every, [this] {
-            Process& process = farm_.rng.below(4) == 0 ? broker_process_ : *random_node().process;
+            Process& process = farm_.rng.below(4) == 0
+                                   ? sites_[farm_.rng.below(sites_.size())]->process
+                                   : random_process();
             process.frozen_until = farm_.now() + farm_.between(0s, farm_.scenario.faults.hang_max);
         });
-        farm_.every(f.disk_errors_every, [this] { broker_.fail_disk(); });
+        farm_.every(f.disk_errors_every, [this] { random_broker().fail_disk(); });
         farm_.every(f.clock_jumps_every, [this] {
             const Duration max = farm_.scenario.faults.clock_jump_max;
-            broker_.set_clock(farm_.between(-max, max));
+            random_broker().set_clock(farm_.between(-max, max));
         });
         if (f.controls_every > Duration::zero()) {
             farm_.every(f.controls_every, [this] { administrator_.meddle(); });
@@ -115,14 +135,17 @@ private:
         if (f.hung_tiles > 0)
             farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
     }
-    /// One node with, mostly, its workers; as often with any others.
+    /// One process with, mostly, its workers; as often with any others.
     std::set<const Process*> random_group() {
-        const Process* first = random_node().process;
+        const Process* first = &random_process();
         const double share = farm_.rng.below(2) == 0 ? 0 : farm_.rng.unit();
         std::set<const Process*> group;
-        for (const auto& [process, network] : nodes_) {
-            const bool follows = group.contains(&network->broker()) && farm_.rng.below(4) > 0;
-            if (process == first || follows || farm_.rng.unit() < share)
+        for (const Process* process : processes_) {
+            const bool follows = std::ranges::any_of(lines_, [&](const Node& node) {
+                return &node.line->owner == process && group.contains(&node.network->broker());
+            });
+            const bool comes_along = follows && farm_.rng.below(4) > 0;
+            if (process == first || comes_along || farm_.rng.unit() < share)
                 group.insert(process);
         }
         return group;
@@ -142,15 +165,14 @@ private:
     }
 
     Farm farm_;
-    Process broker_process_;
-    Network network_;
-    Stream stream_;
-    BrokerNode broker_;
+    Sites sites_;
+    std::vector<std::unique_ptr<BrokerNode>> brokers_;
     std::vector<std::unique_ptr<BranchNode>> branches_;
     std::vector<std::unique_ptr<WorkerNode>> workers_;
     std::vector<std::unique_ptr<ClientNode>> clients_;
     Administrator administrator_;
-    std::vector<Node> nodes_;
+    std::vector<Process*> processes_;
+    std::vector<Node> lines_;
 };
 
 } // namespace

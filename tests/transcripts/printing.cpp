@@ -168,22 +168,28 @@ std::string told(const PutBlob& write) {
     return "PutBlob" + field("hash", hash) + field("pieces", pieces);
 }
 std::string told(const PutJob& write) {
-    const auto& [submission, job_number, passes] = write;
+    const auto& [submission, job_number, passes, revision] = write;
     return "PutJob" + field("number", job_number) + field("passes", passes, 1) +
-           fields_of(submission);
+           field("revision", revision.counter) + fields_of(submission);
 }
 std::string told(const PutTile& write) {
     const auto& [tile] = write;
     return "PutTile" + fields_of(*tile);
 }
 std::string told(const PutPhase& write) {
-    const auto& [job, phase, reason, elapsed] = write;
+    const auto& [job, phase, reason, elapsed, revision] = write;
     return "PutPhase" + field("job", job) + field("phase", phase) + field("reason", reason) +
-           field("elapsed", elapsed);
+           field("elapsed", elapsed) + field("revision", revision.counter);
 }
 std::string told(const PutPriority& write) {
-    const auto& [job, priority] = write;
-    return "PutPriority" + field("job", job) + field("priority", priority);
+    const auto& [job, priority, revision] = write;
+    return "PutPriority" + field("job", job) + field("priority", priority) +
+           field("revision", revision.counter);
+}
+std::string told(const PutNumber& write) {
+    const auto& [job, job_number, revision] = write;
+    return "PutNumber" + field("job", job) + field("number", job_number) +
+           field("revision", revision.counter);
 }
 std::string told(const ForgetJob& write) {
     const auto& [job] = write;
@@ -193,6 +199,18 @@ std::string told(const ForgetJob& write) {
 std::string told(const Send& action) {
     const auto& [peer, message] = action;
     return "send " + peer + " " + told(message);
+}
+std::string told(const Dial& action) {
+    const auto& [endpoint] = action;
+    return "dial " + endpoint;
+}
+std::string told(const HangUp& action) {
+    const auto& [endpoint] = action;
+    return "hang_up " + endpoint;
+}
+std::string told(const Tell& action) {
+    const auto& [endpoint, message] = action;
+    return "tell " + endpoint + " " + told(message);
 }
 std::string told(const Publish& action) {
     const auto& [topic, message] = action;

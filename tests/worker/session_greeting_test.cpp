@@ -66,8 +66,9 @@ TEST_CASE("session beats once a heartbeat and tells how far its tiles are") {
     REQUIRE(beats.size() == 1);
     CHECK(beats[0].credit == 4);
     CHECK(beats[0].in_flight ==
-          std::vector{TileInFlight{job_id(1), TileIndex{5}, AttemptNumber{6}, 1234},
-                      TileInFlight{job_id(1), TileIndex{6}, AttemptNumber{7}, 0}});
+          std::vector{
+              TileInFlight{job_id(1), TileIndex{5}, AttemptNumber{6}, 1234, 0, {0, 0, 16, 16}},
+              TileInFlight{job_id(1), TileIndex{6}, AttemptNumber{7}, 0, 0, {0, 0, 16, 16}}});
     CHECK(sent<WorkerBeat>(driver.pass(500ms)).empty());
     CHECK(sent<WorkerBeat>(driver.pass(500ms)).size() == 1);
 }

@@ -120,6 +120,16 @@ std::string type_name() {
         return "BrokerState";
     else if constexpr (std::is_same_v<T, Wishes>)
         return "Wishes";
+    else if constexpr (std::is_same_v<T, Term>)
+        return "Term";
+    else if constexpr (std::is_same_v<T, Member>)
+        return "Member";
+    else if constexpr (std::is_same_v<T, Revision>)
+        return "Revision";
+    else if constexpr (std::is_same_v<T, JobDigest>)
+        return "JobDigest";
+    else if constexpr (std::is_same_v<T, PeerState>)
+        return "PeerState";
     else
         return std::string(T::name);
 }
@@ -182,8 +192,13 @@ TEST_CASE("the page describes every message and record with its fields in order"
     compare(std::type_identity<PictureSettings>{}, "PictureSettings");
     compare(std::type_identity<Rays>{}, "Rays");
     compare(std::type_identity<TileInFlight>{}, "TileInFlight");
+    compare(std::type_identity<Term>{}, "Term");
+    compare(std::type_identity<Member>{}, "Member");
+    compare(std::type_identity<Revision>{}, "Revision");
+    compare(std::type_identity<JobDigest>{}, "JobDigest");
     compare(std::type_identity<WorkerState>{}, "WorkerState");
     compare(std::type_identity<BrokerState>{}, "BrokerState");
+    compare(std::type_identity<PeerState>{}, "PeerState");
     compare(std::type_identity<Wishes>{}, "Wishes");
     for_each_message_type([&]<class M>(std::type_identity<M> m) {
         compare(m, std::to_string(M::type) + " " + std::string(M::name));
@@ -216,6 +231,7 @@ TEST_CASE("the page has the limits of the code and no other") {
         {"picture_pixels_max", picture_pixels_max},
         {"tile_side_max", tile_side_max},
         {"cells_per_job_max", cells_per_job_max},
+        {"brokers_max", brokers_max},
         {"probe_squares_max", probe_squares_max},
         {"depth_max", depth_max},
         {"aa_max", aa_max},

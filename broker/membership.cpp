@@ -1,0 +1,108 @@
+#include "broker/membership.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+namespace {
+
+constexpr std::uint64_t counter_max = UINT64_MAX / 2; // no honest one comes to that
+
+} // namespace
+
+Membership::Membership(Rank own, const Terms& terms, bool alone, Instant now)
+    : own_(own), terms_(terms), looks_until_(alone ? now : now + terms.patience_max),
+      is_synced_(alone) {}
+
+bool Membership::meet(Instant now, const protocol::BrokerHello& hello) {
+    const auto [at, is_new] = peers_.try_emplace(hello.broker);
+    Peer& peer = at->second;
+    const bool was_gone = is_new || !is_here(peer, now);
+    peer.rank = {hello.started_at, hello.broker};
+    peer.endpoint = hello.endpoint;
+    peer.program_version = hello.program_version;
+    peer.keeps = hello.keeps;
+    peer.heard_at = now;
+    return was_gone;
+}
+
+void Membership::hear(Instant now, const BrokerId& broker) {
+    if (const auto found = peers_.find(broker); found != peers_.end())
+        found->second.heard_at = now;
+}
+
+void Membership::hear(Instant now, const protocol::BrokerBeat& beat) {
+    learn(beat.term);
+    const auto found = peers_.find(beat.broker);
+    if (found == peers_.end())
+        return;
+    found->second.heard_at = now;
+    found->second.is_synced = beat.is_synced;
+    found->second.digest = beat.digest;
+    found->second.hears = beat.brokers;
+}
+
+void Membership::learn(const protocol::Term& term) {
+    if (term.counter <= counter_max)
+        term_ = std::max(term_, term);
+}
+
+bool Membership::is_here(const BrokerId& broker, Instant now) const {
+    const auto found = peers_.find(broker);
+    return found != peers_.end() && is_here(found->second, now);
+}
+
+std::vector<BrokerId> Membership::here(Instant now) const {
+    std::vector<BrokerId> all;
+    for (const auto& [id, peer] : peers_)
+        if (is_here(peer, now))
+            all.push_back(id);
+    return all;
+}
+
+bool Membership::should_lead(Instant now) const {
+    return is_synced_ && has_looked_around(now) &&
+           std::ranges::none_of(peers_, [&](const auto& entry) {
+               const Peer& peer = entry.second;
+               return peer.is_synced && peer.rank < own_ && is_here(peer, now);
+           });
+}
+
+Membership::Change Membership::update(Instant now) {
+    const bool fenced = leads_ && term_.leader != own_.broker;
+    if (leads_ && (fenced || !should_lead(now))) {
+        // Two that do not hear each other would go on outbidding each other as fast as their
+        // workers tell them.
+        if (fenced)
+            leads_from_ = now + terms_.patience;
+        leads_ = false;
+        return Change::leads_no_more;
+    }
+    if (!leads_ && now >= leads_from_ && should_lead(now)) {
+        term_ = {std::max(term_.counter + 1, terms_.counter_min), own_.broker};
+        leads_ = true;
+        return Change::begins_to_lead;
+    }
+    return Change::none;
+}
+
+Instant Membership::next_deadline(Instant now) const {
+    Instant next = Instant::never();
+    const auto consider = [&](Instant at) {
+        if (at > now)
+            next = std::min(next, at);
+    };
+    if (leads_)
+        return next;
+    consider(looks_until_);
+    consider(leads_from_);
+    for (const auto& [id, peer] : peers_)
+        consider(peer.heard_at + terms_.patience + Duration(1));
+    return next;
+}
+
+void Membership::forgive(Duration absence) {
+    for (auto& [id, peer] : peers_)
+        peer.heard_at = peer.heard_at + absence;
+}
+
+} // namespace fraja::broker

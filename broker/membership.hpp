@@ -1,0 +1,91 @@
+// Membership: which brokers stand for each other, who of them is here, and who leads.
+//
+// Nothing that is promised hangs on who leads: two may, while they do not hear each other, and draw
+// some tiles twice. Terms keep that short. With n brokers n - 1 may crash, so there is no majority
+// to be asked: whoever is left leads.
+#pragma once
+
+#include "common/base/ids.hpp"
+#include "common/base/instant.hpp"
+#include "common/protocol/messages.hpp"
+
+#include <compare>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace fraja::broker {
+
+class Membership {
+public:
+    /// Who was there first leads, so that one that comes back changes nothing.
+    struct Rank {
+        Duration started_at{}; ///< since 1970, by its own clock
+        BrokerId broker;
+        friend auto operator<=>(const Rank&, const Rank&) = default;
+    };
+    struct Terms {
+        Duration patience{};           ///< who was not heard for so long is gone
+        Duration patience_max{};       ///< at the start, when nobody has been heard yet
+        std::uint64_t counter_min = 0; ///< of a term that begins here: those before were lower
+    };
+    struct Peer {
+        Rank rank;
+        std::string endpoint, program_version;
+        bool keeps = false;
+        bool is_synced = false; ///< as it says
+        Instant heard_at;
+        std::uint64_t digest = 0;
+        std::vector<protocol::Member> hears; ///< itself included
+    };
+
+    /// `alone`: no others are known, so it need not look for any before it leads.
+    Membership(Rank own, const Terms& terms, bool alone, Instant now);
+
+    /// A peer's hello. True: it is new, or was gone.
+    bool meet(Instant now, const protocol::BrokerHello& hello);
+    /// Any message of a peer that was met.
+    void hear(Instant now, const BrokerId& broker);
+    void hear(Instant now, const protocol::BrokerBeat& beat);
+    /// A term that somebody has heard of.
+    void learn(const protocol::Term& term);
+    /// Whether it has all that the others have; it begins with nothing, unless alone.
+    void set_synced(bool synced) { is_synced_ = synced; }
+    /// What becomes of time and of all that was heard. To be called after anything.
+    enum class Change : std::uint8_t { none, begins_to_lead, leads_no_more };
+    [[nodiscard]] Change update(Instant now);
+    /// When an update is due even if nothing is heard.
+    [[nodiscard]] Instant next_deadline(Instant now) const;
+    /// A broker that stood still has heard nobody meanwhile.
+    void forgive(Duration absence);
+
+    [[nodiscard]] const Rank& own() const { return own_; }
+    [[nodiscard]] bool leads() const { return leads_; }
+    [[nodiscard]] bool is_synced() const { return is_synced_; }
+    [[nodiscard]] const protocol::Term& term() const { return term_; }
+    /// Also those that are gone.
+    [[nodiscard]] const std::map<BrokerId, Peer>& peers() const { return peers_; }
+    [[nodiscard]] bool knows(const BrokerId& broker) const { return peers_.contains(broker); }
+    [[nodiscard]] bool is_here(const BrokerId& broker, Instant now) const;
+    [[nodiscard]] std::vector<BrokerId> here(Instant now) const;
+    /// It has waited for others long enough to know who is here.
+    [[nodiscard]] bool has_looked_around(Instant now) const { return now >= looks_until_; }
+    void forget(const BrokerId& broker) { peers_.erase(broker); }
+
+private:
+    [[nodiscard]] bool is_here(const Peer& peer, Instant now) const {
+        return now - peer.heard_at <= terms_.patience;
+    }
+    [[nodiscard]] bool should_lead(Instant now) const;
+
+    Rank own_;
+    Terms terms_;
+    Instant looks_until_;
+    bool is_synced_, leads_ = false;
+    protocol::Term term_;  ///< the greatest
+    Instant leads_from_{}; ///< not before, after somebody else has begun a term
+    std::map<BrokerId, Peer> peers_;
+};
+
+} // namespace fraja::broker

@@ -1,0 +1,329 @@
+// Dispatcher: the other brokers that stand for this one. Each dials all others; what one has to say
+// goes by the connection that it dialled, answers come back by the same.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/text.hpp"
+#include "common/base/version.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+// ------------------------------------------------------------------------------------ connections
+
+void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
+    Line& line = lines_[endpoint];
+    line.is_configured = line.is_configured || is_configured;
+    actions_->push_back(Dial{endpoint});
+    say_hello(endpoint, line);
+}
+
+/// Who is told of, and cannot be reached by any connection that there is.
+void Dispatcher::consider_dialling(const Member& member) {
+    const bool is_known = member.endpoint.empty() || member.broker == identity_.broker ||
+                          lines_.contains(member.endpoint) ||
+                          own_endpoints_.contains(member.endpoint) ||
+                          std::ranges::any_of(lines_, [&](const auto& entry) {
+                              return entry.second.broker == member.broker;
+                          });
+    if (!is_known && lines_.size() < brokers_max)
+        dial(member.endpoint, false);
+}
+
+BrokerHello Dispatcher::own_hello() const {
+    return {.broker = identity_.broker,
+            .started_at = membership_.own().started_at,
+            .endpoint = identity_.endpoint,
+            .program_version = std::string(fraja::version),
+            .keeps = identity_.keeps};
+}
+
+BrokerBeat Dispatcher::own_beat() const {
+    return {.broker = identity_.broker,
+            .term = term(),
+            .is_synced = membership_.is_synced(),
+            .brokers = members(),
+            .digest = digest()};
+}
+
+void Dispatcher::say_hello(const std::string& endpoint, Line& line) {
+    line.hello_at = now_;
+    actions_->push_back(Tell{endpoint, own_hello()});
+}
+
+void Dispatcher::answer(const Route& route, Message message) {
+    if (route.is_dialled)
+        actions_->push_back(Tell{route.name, std::move(message)});
+    else
+        send(route.name, std::move(message));
+}
+
+std::optional<Dispatcher::Route> Dispatcher::route_to(const BrokerId& broker) const {
+    for (const auto& [endpoint, line] : lines_)
+        if (line.broker == broker)
+            return Route{true, endpoint};
+    const auto colleague = colleagues_.find(broker);
+    if (colleague != colleagues_.end() && colleague->second.peer)
+        return Route{false, *colleague->second.peer};
+    return std::nullopt;
+}
+
+void Dispatcher::tell(const BrokerId& broker, Message message) {
+    if (const auto route = route_to(broker))
+        answer(*route, std::move(message));
+}
+
+void Dispatcher::tell_all(const Message& message) {
+    for (const BrokerId& broker : membership_.here(now_))
+        tell(broker, message);
+}
+
+// --------------------------------------------------------------------------------- who says what
+
+/// Somebody has dialled this broker, perhaps itself: it hears so by the answer.
+void Dispatcher::meet_broker(const PeerId& peer, const BrokerHello& hello) {
+    if (const auto worker = workers_.find(peer); worker != workers_.end())
+        end_worker(worker, Departure::replaced, "its connection says to be a broker");
+    end_client(peer, Departure::replaced);
+    if (hello.broker != identity_.broker) {
+        if (!membership_.knows(hello.broker) && membership_.peers().size() + 1 >= brokers_max)
+            return turn_away(peer, RefusalCode::limit_exceeded,
+                             "at most " + std::to_string(brokers_max) +
+                                 " brokers stand for each other");
+        membership_.meet(now_, hello);
+        Colleague& colleague = colleagues_[hello.broker];
+        if (colleague.peer && *colleague.peer != peer)
+            brokers_by_peer_.erase(*colleague.peer);
+        colleague.peer = peer;
+        brokers_by_peer_[peer] = hello.broker;
+        consider_dialling({hello.broker, hello.endpoint});
+    }
+    send(peer, own_hello());
+    send(peer, own_beat());
+}
+
+void Dispatcher::on(const BrokerSaid& event) {
+    const auto found = lines_.find(event.endpoint);
+    if (found == lines_.end())
+        return;
+    Line& line = found->second;
+    if (const auto* refused = std::get_if<Refused>(&event.message);
+        refused && refused->code == RefusalCode::unknown_peer) {
+        line.broker.reset();
+        if (now_ - line.hello_at >= limits_.heartbeat / limits_.peer_beats)
+            say_hello(event.endpoint, line);
+        return;
+    }
+    if (const auto* hello = std::get_if<BrokerHello>(&event.message)) {
+        if (hello->broker == identity_.broker) { // it was this broker that it dialled
+            own_endpoints_.insert(event.endpoint);
+            actions_->push_back(HangUp{event.endpoint});
+            lines_.erase(found);
+            return;
+        }
+        line.broker = hello->broker;
+        membership_.meet(now_, *hello);
+        colleagues_.try_emplace(hello->broker);
+        return;
+    }
+    if (line.broker && membership_.knows(*line.broker))
+        from_broker(BrokerId(*line.broker), {true, event.endpoint}, event.message);
+}
+
+void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const Message& message) {
+    membership_.hear(now_, broker);
+    if (const auto* beat = std::get_if<BrokerBeat>(&message)) {
+        membership_.hear(now_, *beat);
+        for (const Member& member : beat->brokers)
+            consider_dialling(member);
+    } else if (std::holds_alternative<CompareJobs>(message)) {
+        answer(route, job_digests());
+    } else if (const auto* theirs = std::get_if<JobDigests>(&message)) {
+        compare(broker, *theirs);
+    } else if (const auto* want = std::get_if<WantJob>(&message)) {
+        if (const Job* job = job_of(want->job); job && job->phase != JobPhase::waiting_for_scene)
+            answer(route, record_of(*job));
+        else if (forgotten_.contains(want->job))
+            answer(route, JobForgotten{want->job});
+    } else if (const auto* record = std::get_if<JobRecord>(&message)) {
+        take_record(broker, *record);
+    } else if (const auto* kept = std::get_if<JobKept>(&message)) {
+        note_copy(broker, kept->job);
+    } else if (const auto* gone = std::get_if<JobForgotten>(&message)) {
+        follows_ = true;
+        if (job_of(gone->job))
+            forget(gone->job);
+        bury(gone->job);
+        follows_ = false;
+    } else if (const auto* need = std::get_if<NeedChunk>(&message)) {
+        if (auto chunk = blobs_.chunk(need->blob, need->offset_bytes))
+            answer(route, std::move(*chunk));
+    } else if (const auto* chunk = std::get_if<Chunk>(&message)) {
+        take_scene_chunk(broker, *chunk);
+    } else if (const auto* wish = std::get_if<Repair>(&message)) {
+        if (!route.is_dialled)
+            repair(route.name, *wish, now_ - limits_.copy_lag);
+    } else if (const auto* tile = std::get_if<TileDone>(&message)) {
+        take_tile(*tile);
+    } else if (const auto* done = std::get_if<RepairDone>(&message)) {
+        repair_done(broker, *done);
+    } else if (const auto* control = std::get_if<ControlWorker>(&message)) {
+        follows_ = true;
+        control_worker({}, *control);
+        follows_ = false;
+    } else if (!std::holds_alternative<Refused>(message)) {
+        ++counters_.unexpected;
+    }
+}
+
+// -------------------------------------------------------------------------------- all the time
+
+void Dispatcher::keep_company() {
+    for (const std::string& endpoint : identity_.peers)
+        if (!lines_.contains(endpoint) && !own_endpoints_.contains(endpoint))
+            dial(endpoint, true);
+    const Duration beat = limits_.heartbeat / limits_.peer_beats;
+    for (auto& [endpoint, line] : lines_)
+        if (!(line.broker && membership_.is_here(*line.broker, now_)) &&
+            now_ - line.hello_at >= 2 * beat)
+            say_hello(endpoint, line);
+    const BrokerBeat beat_now = own_beat();
+    const std::uint64_t own_digest = beat_now.digest;
+    for (const auto& [id, colleague] : colleagues_)
+        tell(id, beat_now);
+
+    bool all_compared = true;
+    for (const BrokerId& id : membership_.here(now_)) {
+        Colleague& colleague = colleagues_[id];
+        std::erase_if(colleague.repairs, [&](const auto& asked) {
+            return now_ - asked.second > 2 * limits_.heartbeat;
+        });
+        if (membership_.peers().at(id).digest == own_digest) {
+            colleague.is_compared = true;
+        } else if (now_ >= colleague.compare_at) {
+            colleague.compare_at = now_ + (colleague.is_compared ? limits_.compare_interval : beat);
+            tell(id, CompareJobs{});
+        }
+        all_compared = all_compared && colleague.is_compared;
+    }
+    if (!membership_.is_synced() && all_compared && membership_.has_looked_around(now_)) {
+        membership_.set_synced(true);
+        log({.level = LogLevel::info,
+             .kind = "synced",
+             .subject = {},
+             .text = "has all that the other brokers have: " + counted(jobs_.size(), "job")});
+    }
+    fetch_scenes_anew();
+    for (auto& [id, job] : jobs_)
+        acknowledge_if_safe(job);
+    settle_numbers();
+    wait_no_longer_for_silent_workers();
+    note_who_is_here();
+    forget_brokers_that_are_gone();
+    tell_of_brokers();
+}
+
+void Dispatcher::note_who_is_here() {
+    for (auto& [id, colleague] : colleagues_) {
+        const bool is_here = membership_.is_here(id, now_);
+        if (std::exchange(colleague.was_here, is_here) == is_here)
+            continue;
+        const std::size_t here = membership_.here(now_).size();
+        log({.level = is_here ? LogLevel::info : LogLevel::warning,
+             .kind = is_here ? "broker_here" : "broker_gone",
+             .subject = to_string(id),
+             .text = "broker " + endpoint_of(id) + (is_here ? " is here" : " is gone") + ": " +
+                     counted(here, "other broker") + " of " + std::to_string(colleagues_.size()) +
+                     (here == 0 ? "; what is submitted now is kept by this one alone" : "")});
+        if (!is_here) {
+            colleague.is_compared = false;
+            colleague.repairs.clear();
+            colleague.repaired.clear();
+        }
+    }
+}
+
+/// Those that were not configured, after a while.
+void Dispatcher::forget_brokers_that_are_gone() {
+    std::vector<BrokerId> gone;
+    for (const auto& [id, peer] : membership_.peers())
+        if (now_ - peer.heard_at > limits_.absence_max)
+            gone.push_back(id);
+    for (const BrokerId& id : gone) {
+        membership_.forget(id);
+        if (const auto& peer = colleagues_[id].peer)
+            brokers_by_peer_.erase(*peer);
+        colleagues_.erase(id);
+        for (auto entry = lines_.begin(); entry != lines_.end();) {
+            Line& line = entry->second;
+            if (line.broker == id && !line.is_configured) {
+                actions_->push_back(HangUp{entry->first});
+                entry = lines_.erase(entry);
+                continue;
+            }
+            if (line.broker == id)
+                line.broker.reset();
+            ++entry;
+        }
+    }
+}
+
+// -------------------------------------------------------------------------------- who is told of
+
+/// As it says itself, or where it was found.
+std::string Dispatcher::endpoint_of(const BrokerId& broker) const {
+    const auto peer = membership_.peers().find(broker);
+    if (peer != membership_.peers().end() && !peer->second.endpoint.empty())
+        return peer->second.endpoint;
+    for (const auto& [endpoint, line] : lines_)
+        if (line.broker == broker)
+            return endpoint;
+    return {};
+}
+
+std::vector<Member> Dispatcher::members() const {
+    if (is_alone())
+        return {};
+    std::vector<Member> all{{identity_.broker, identity_.endpoint}};
+    for (const auto& [id, peer] : membership_.peers())
+        all.push_back({id, endpoint_of(id)});
+    return all;
+}
+
+std::vector<PeerState> Dispatcher::peer_states() const {
+    if (is_alone())
+        return {};
+    std::vector<PeerState> all{{.broker = identity_.broker,
+                                .endpoint = identity_.endpoint,
+                                .program_version = std::string(fraja::version),
+                                .is_here = true,
+                                .is_synced = membership_.is_synced(),
+                                .leads = membership_.leads()}};
+    for (const auto& [id, peer] : membership_.peers())
+        all.push_back({.broker = id,
+                       .endpoint = endpoint_of(id),
+                       .program_version = peer.program_version,
+                       .is_here = membership_.is_here(id, now_),
+                       .is_synced = peer.is_synced,
+                       .leads = term().leader == id});
+    for (const auto& [endpoint, line] : lines_)
+        if (!line.broker)
+            all.push_back({.broker = {}, .endpoint = endpoint, .program_version = {}});
+    return all;
+}
+
+void Dispatcher::tell_of_brokers() {
+    if (std::vector<Member> now = members(); now != told_members_) {
+        told_members_ = std::move(now);
+        const Brokers brokers{term(), told_members_};
+        for (const auto& [peer, worker] : workers_)
+            send(peer, brokers);
+        for (const auto& [peer, client] : clients_)
+            send(peer, brokers);
+    }
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,417 @@
+// Dispatcher: what other brokers have that is not here, and the reverse. All that there is only
+// grows, or is the newest word; so whatever comes twice, late, or in another order does no harm.
+#include "broker/dispatcher.hpp"
+#include "broker/submission.hpp"
+#include "common/base/rng.hpp"
+#include "common/base/text.hpp"
+#include "common/protocol/passes.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+template <class Id>
+std::uint64_t hash_of(const Id& id) {
+    std::uint64_t parts[2];
+    std::memcpy(parts, id.bytes.data(), sizeof parts);
+    return Rng(parts[0] ^ Rng(parts[1]).next()).next();
+}
+
+std::uint64_t hash_of(const JobDigest& job) {
+    return Rng(hash_of(job.job) ^ Rng(job.revision.counter ^ hash_of(job.revision.broker)).next() ^
+               job.cells)
+        .next();
+}
+
+} // namespace
+
+// ------------------------------------------------------------------------------- what is here
+
+JobDigests Dispatcher::job_digests() const {
+    JobDigests digests;
+    for (const auto& [id, job] : jobs_)
+        if (job.phase != JobPhase::waiting_for_scene && !is_order(job))
+            digests.jobs.push_back({id, job.revision, job.done_hash()});
+    return digests;
+}
+
+std::uint64_t Dispatcher::digest() const {
+    std::uint64_t all = 0;
+    for (const JobDigest& job : job_digests().jobs)
+        all ^= hash_of(job);
+    return all;
+}
+
+/// A job that is not kept yet is told of as it will be then.
+JobRecord Dispatcher::record_of(const Job& job) const {
+    const JobState state = job.state(term().counter, now_);
+    return {.submission = job.submission(),
+            .revision = job.revision,
+            .number = job.number_wanted > 0 ? job.number_wanted : job.number(),
+            .passes = job.passes(),
+            .phase = job.phase == JobPhase::waiting_for_scene ? JobPhase::queued : job.phase,
+            .reason = job.reason,
+            .priority = job.priority,
+            .done_count = static_cast<std::uint32_t>(job.done_count()),
+            .age = now_ - job.submitted_at,
+            .elapsed = state.elapsed,
+            .over_for = job.over_at ? now_ - *job.over_at : Duration{}};
+}
+
+/// Of what is wanted of the job, or has become of it.
+void Dispatcher::note_change(Job& job) {
+    if (follows_ || is_order(job))
+        return;
+    job.revision = {job.revision.counter + 1, identity_.broker};
+    if (!is_alone())
+        changed_jobs_.insert(job.id());
+}
+
+void Dispatcher::tell_changes() {
+    for (const JobId& id : std::exchange(changed_jobs_, {}))
+        if (const Job* job = job_of(id))
+            tell_all(record_of(*job));
+}
+
+// ----------------------------------------------------------------------------- what is not here
+
+void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
+    Colleague& colleague = colleagues_[broker];
+    bool lacks = false;
+    std::size_t asked = 0;
+    for (const JobDigest& their : theirs.jobs) {
+        if (forgotten_.contains(their.job)) {
+            tell(broker, JobForgotten{their.job});
+            continue;
+        }
+        const Job* job = job_of(their.job);
+        if (!job || job->revision < their.revision) {
+            lacks = true;
+            if (asked++ < limits_.copies_asked_max)
+                tell(broker, WantJob{their.job});
+        } else if (job->phase == JobPhase::waiting_for_scene) {
+            lacks = true;
+        } else if (job->done_hash() != their.cells) {
+            lacks = lacks || !colleague.repaired.contains(their.job);
+            if (asked++ < limits_.copies_asked_max)
+                ask_for_cells(broker, *job);
+        }
+    }
+    colleague.is_compared = colleague.is_compared || !lacks;
+}
+
+void Dispatcher::ask_for_cells(const BrokerId& broker, const Job& job) {
+    if (colleagues_[broker].repairs.try_emplace(job.id(), now_).second)
+        tell(broker, Repair{job.id(), limits_.repair_tiles_max, job.done().bytes()});
+}
+
+void Dispatcher::repair_done(const BrokerId& broker, const RepairDone& done) {
+    Colleague& colleague = colleagues_[broker];
+    if (colleague.repairs.erase(done.state.job) == 0)
+        return;
+    const Job* job = job_of(done.state.job);
+    if (job && done.remaining_count > 0)
+        return ask_for_cells(broker, *job);
+    colleague.repaired.insert(done.state.job);
+    colleague.compare_at = std::min(colleague.compare_at, now_); // perhaps that was all
+}
+
+/// A finished tile, as another broker has it.
+void Dispatcher::take_tile(const TileDone& done) {
+    Job* job = job_of(done.job);
+    if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene)
+        return;
+    const auto tile = job->tile_at(done.pass, done.rect);
+    if (!tile || job->index(*tile) != done.tile ||
+        byte_count(done.blobs) !=
+            done.rect.pixel_count() * job->submission().settings.pixel_bytes() ||
+        job->all_cells_done(*tile))
+        return;
+    TileDone own = done;
+    own.elapsed = std::max(own.elapsed, Duration{});
+    take_result(*job, OpenTileId::none, *tile, static_cast<double>(done.rays.total()),
+                std::make_shared<TileDone>(std::move(own)));
+}
+
+// -------------------------------------------------------------------------------------- jobs
+
+void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
+    const JobId& id = record.submission.job;
+    if (forgotten_.contains(id))
+        return tell(broker, JobForgotten{id});
+    Job* job = job_of(id);
+    if (!job)
+        return adopt_job(broker, record);
+    if (is_order(*job) || job->submission().scene != record.submission.scene ||
+        job->submission().settings != record.submission.settings)
+        return;
+    if (job->is_being_kept || job->phase == JobPhase::waiting_for_scene)
+        job->waiting_for_copy.insert(broker);
+    else
+        tell(broker, JobKept{id});
+    const Revision& known = job->awaited ? job->awaited->revision : job->revision;
+    if (!(known < record.revision))
+        return;
+    job->awaited = record;
+    settle(*job);
+}
+
+/// One that is not here. What is over needs no scene.
+void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
+    const SubmitJob& s = record.submission;
+    const auto over =
+        std::ranges::count_if(jobs_, [](const auto& entry) { return is_over(entry.second.phase); });
+    const bool is_full = is_over(record.phase)
+                             ? static_cast<std::size_t>(over) >= limits_.finished_jobs_max
+                             : objection_to_one_more().has_value();
+    if (is_full || fault_of(s) || record.passes == 0 || record.passes > pass_count(s.settings))
+        return;
+    Job fresh(s, record.number, {});
+    fresh.set_passes(record.passes);
+    fresh.phase = is_over(record.phase) ? record.phase : JobPhase::waiting_for_scene;
+    fresh.holds_scene = is_over(record.phase); // so that no room is sought for it
+    const auto room = room_for(fresh);
+    if (!room) {
+        log({.level = LogLevel::warning,
+             .kind = "copy_refused",
+             .subject = to_string(s.job),
+             .text = "no copy of job " + s.job_name + " is kept here: " + room.error().message});
+        return;
+    }
+    follows_ = true;
+    if (is_over(record.phase)) {
+        for (const JobId& id : *room)
+            forget(id);
+    } else {
+        make_room(*room, s);
+    }
+    follows_ = false;
+    fresh.holds_scene = !is_over(record.phase);
+    Job& job = jobs_.emplace(s.job, std::move(fresh)).first->second;
+    job.join(party_of(job));
+    job.is_adopted = true;
+    job.priority = record.priority;
+    job.revision = record.revision;
+    job.submitted_at = now_ - std::max(record.age, Duration{});
+    job.scene_came_on_at = now_;
+    job.waiting_for_copy.insert(broker);
+    give_number(job, record.number);
+    log({.level = LogLevel::debug,
+         .kind = "job_copied",
+         .subject = to_string(s.job),
+         .text = described(job) + ": a copy, from broker " + endpoint_of(broker)});
+    job.awaited = record;
+    if (is_over(record.phase) || blobs_.complete(s.scene))
+        return keep_job(job);
+    fetch_scene(s.scene, broker);
+}
+
+/// What another broker has said of it and what can be followed now is.
+void Dispatcher::settle(Job& job) {
+    if (!job.awaited || job.is_being_kept)
+        return;
+    const JobRecord& word = *job.awaited;
+    const bool is_tried_again = is_over(job.phase) && !is_over(word.phase);
+    if (job.phase == JobPhase::waiting_for_scene)
+        return;
+    if (word.phase == JobPhase::done && !is_over(job.phase) && job.done_count() < word.done_count)
+        return; // its last tiles are still to come
+    if (is_tried_again && !job.holds_scene) {
+        const SubmitJob& s = job.submission();
+        if (!blobs_.acquire(s.scene, s.scene_bytes))
+            return;
+        job.holds_scene = true;
+    }
+    if (is_tried_again && !blobs_.complete(job.submission().scene))
+        return fetch_scene(job.submission().scene, word.revision.broker);
+    const JobRecord record = std::move(*job.awaited);
+    job.awaited.reset();
+    follows_ = true;
+    follow(job, record);
+    follows_ = false;
+}
+
+void Dispatcher::follow(Job& job, const JobRecord& record) {
+    job.revision = record.revision;
+    if (job.priority != record.priority)
+        set_priority(job, record.priority);
+    if (job.number() != record.number)
+        give_number(job, record.number);
+    if (is_over(record.phase)) {
+        if (is_over(job.phase) && job.phase == record.phase)
+            return;
+        job.over_at.reset();
+        end_job(job, record.phase, record.reason);
+        job.over_at = now_ - std::max(record.over_for, Duration{});
+        job.acknowledged_at = *job.over_at - std::max(record.elapsed, Duration{});
+        return;
+    }
+    if (is_over(job.phase)) {
+        if (job.phase == JobPhase::done)
+            return; // it has all that can be
+        if (const auto refused = retry(job))
+            return;
+        job.submitted_at = now_ - std::max(record.age, Duration{});
+    }
+    if (record.phase == JobPhase::paused)
+        (void)pause(job);
+    else if (job.phase == JobPhase::paused)
+        (void)resume(job);
+    publish_state(job);
+}
+
+/// Or, where another job has it, one of its own until that is settled.
+void Dispatcher::give_number(Job& job, std::uint32_t number) {
+    const auto taken = job_by_number_.find(number);
+    const bool is_free = taken == job_by_number_.end() || taken->second == job.id();
+    if (const auto own = job_by_number_.find(job.number());
+        own != job_by_number_.end() && own->second == job.id())
+        job_by_number_.erase(own);
+    job.number_wanted = is_free ? 0 : number;
+    job.set_number(is_free ? number : last_number_ + 1);
+    last_number_ = std::max(last_number_, job.number());
+    job_by_number_[job.number()] = job.id();
+    look_ready(job);
+    if (job.is_kept && !job.is_being_kept)
+        persist(PutNumber{job.id(), job.number(), job.revision}, {.job = job.id()});
+}
+
+/// Two jobs that have come at the same time to two brokers have the same one: whoever leads gives
+/// one of them another.
+void Dispatcher::settle_numbers() {
+    for (auto& [id, job] : jobs_) {
+        if (job.number_wanted == 0 || job.is_being_kept)
+            continue;
+        const auto taken = job_by_number_.find(job.number_wanted);
+        if (taken == job_by_number_.end()) {
+            give_number(job, job.number_wanted);
+        } else if (membership_.leads()) {
+            Job& other = jobs_.at(taken->second);
+            Job& later = other.id() < id ? job : other;
+            const std::uint32_t wanted = job.number_wanted;
+            if (&later == &job) {
+                job.number_wanted = 0; // as it is
+            } else {
+                give_number(other, last_number_ + 1);
+                give_number(job, wanted);
+            }
+            note_change(later);
+        }
+    }
+}
+
+// ------------------------------------------------------------------------------------ copies
+
+bool Dispatcher::needs_copy(const Job& job) const {
+    if (job.is_adopted || !job.copies.empty() || now_ >= job.copied_by)
+        return false;
+    const auto here = membership_.here(now_);
+    return std::ranges::any_of(
+        here, [&](const BrokerId& id) { return membership_.peers().at(id).is_synced; });
+}
+
+void Dispatcher::note_copy(const BrokerId& broker, const JobId& id) {
+    Job* job = job_of(id);
+    if (!job || !job->is_being_kept)
+        return;
+    job->copies.insert(broker);
+    acknowledge_if_safe(*job);
+}
+
+/// It is kept here, and by somebody else, if there is anybody.
+void Dispatcher::acknowledge_if_safe(Job& job) {
+    if (!job.is_being_kept || !job.is_stored || needs_copy(job))
+        return;
+    job.is_being_kept = job.is_stored = false;
+    if (!is_over(job.phase))
+        acknowledge(job);
+    if (job.is_adopted) {
+        const JobRecord record = job.awaited.value_or(record_of(job));
+        follows_ = true;
+        if (is_over(job.phase)) {
+            job.over_at = now_ - std::max(record.over_for, Duration{});
+            job.acknowledged_at = *job.over_at - std::max(record.elapsed, Duration{});
+            job.reason = record.reason;
+            (void)job.drop_unfinished();
+            keep_phase(job);
+        } else {
+            job.acknowledged_at = now_ - std::max(record.elapsed, Duration{});
+        }
+        follows_ = false;
+    } else if (!is_over(job.phase) && job.copies.empty() && !membership_.here(now_).empty()) {
+        log({.level = LogLevel::warning,
+             .kind = "kept_alone",
+             .subject = to_string(job.id()),
+             .text = described(job) + " is kept by this broker alone: no other one has said that "
+                                      "it has it"});
+    }
+    if (!job.is_adopted || !job.client().empty())
+        send(job.client(), state_of(job));
+    for (const BrokerId& broker : std::exchange(job.waiting_for_copy, {}))
+        tell(broker, JobKept{job.id()});
+    settle(job);
+}
+
+/// It never was kept, and comes again with the next comparison.
+void Dispatcher::discard(const JobId& id) {
+    const auto found = jobs_.find(id);
+    const Job& job = found->second;
+    if (job.holds_scene)
+        blobs_.release(job.submission().scene);
+    job_by_number_.erase(job.number());
+    const FilmId film = job.submission().wishes.film;
+    jobs_.erase(found);
+    if (const auto party = films_.find(film); party != films_.end() && party->second.expired())
+        films_.erase(party);
+}
+
+// ------------------------------------------------------------------------------------ scenes
+
+void Dispatcher::fetch_scene(const ContentHash& scene, const BrokerId& from) {
+    fetches_[scene] = {from, now_};
+    tell(from, NeedChunk{scene, blobs_.wanted_offset(scene)});
+}
+
+/// Whoever does not answer may be gone, or not have it.
+void Dispatcher::fetch_scenes_anew() {
+    std::erase_if(fetches_, [&](const auto& entry) {
+        return blobs_.users(entry.first) == 0 || blobs_.complete(entry.first);
+    });
+    const auto here = membership_.here(now_);
+    for (auto& [scene, fetch] : fetches_) {
+        if (here.empty() || now_ - fetch.asked_at < limits_.heartbeat)
+            continue;
+        const auto next = std::ranges::upper_bound(here, fetch.from);
+        fetch_scene(scene, next == here.end() ? here.front() : *next);
+    }
+}
+
+void Dispatcher::take_scene_chunk(const BrokerId& broker, const Chunk& chunk) {
+    const auto fetch = fetches_.find(chunk.blob);
+    if (fetch == fetches_.end() || blobs_.users(chunk.blob) == 0)
+        return;
+    switch (blobs_.add(chunk)) {
+    case BlobStore::Arrival::more:
+    case BlobStore::Arrival::wrong_hash:
+        for (auto& [id, job] : jobs_)
+            if (job.submission().scene == chunk.blob)
+                job.scene_came_on_at = now_;
+        return fetch_scene(ContentHash(chunk.blob), broker);
+    case BlobStore::Arrival::complete:
+        fetches_.erase(fetch);
+        begin_jobs_of(chunk.blob);
+        for (auto& [id, job] : jobs_)
+            if (job.submission().scene == chunk.blob)
+                settle(job);
+        return;
+    case BlobStore::Arrival::ignored:
+        return;
+    }
+}
+
+} // namespace fraja::broker

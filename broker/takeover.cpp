@@ -1,0 +1,189 @@
+// Dispatcher: the broker begins to lead, or leads no more. Workers go on with the tiles that they
+// have, whoever gave them.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/text.hpp"
+#include "common/protocol/pixels.hpp"
+
+#include <algorithm>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+void Dispatcher::look_who_leads() {
+    switch (membership_.update(now_)) {
+    case Membership::Change::begins_to_lead:
+        begin_to_lead();
+        break;
+    case Membership::Change::leads_no_more:
+        stop_leading();
+        break;
+    case Membership::Change::none:
+        break;
+    }
+    if (!gathers_until_)
+        return;
+    const bool all_told = std::ranges::none_of(
+        workers_, [](const auto& entry) { return entry.second.tells_by.has_value(); });
+    if (all_told || now_ >= *gathers_until_)
+        end_gathering();
+}
+
+/// From here on no worker takes what an earlier leader gives it. What it was given before it says.
+void Dispatcher::begin_to_lead() {
+    if (is_alone())
+        return;
+    gathers_until_ = now_ + from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
+    log({.level = LogLevel::info,
+         .kind = "leads",
+         .subject = {},
+         .text = "this broker leads: it hands out the tiles (term " +
+                 std::to_string(term().counter) + ")"});
+    const Brokers brokers{term(), members()};
+    for (auto& [peer, worker] : workers_) {
+        set_tells_by(peer, worker, gathers_until_);
+        send(peer, brokers);
+    }
+    for (const auto& [peer, client] : clients_)
+        send(peer, brokers);
+}
+
+void Dispatcher::end_gathering() {
+    gathers_until_.reset();
+    std::vector<JobId> done;
+    for (auto& [id, job] : jobs_) {
+        if (job.awaited) { // whoever said so is gone, and its tiles with it
+            job.revision.counter = std::max(job.revision.counter, job.awaited->revision.counter);
+            job.awaited.reset();
+        }
+        if (!job.may_run() && job.phase != JobPhase::paused)
+            continue;
+        (void)job.drop_unfinished();
+        job.revive();
+        job.probe = Job::Probe::over;
+        if (job.results().empty())
+            want_probe(job);
+        if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+            deadlines_.emplace(job.submitted_at + s.time_limit, id);
+        if (job.all_done())
+            done.push_back(id);
+    }
+    for (auto& [peer, worker] : workers_)
+        if (!worker.tells_by)
+            adopt_in_hand(peer, worker);
+    for (const auto& [id, job] : jobs_)
+        look_ready(job);
+    for (const JobId& id : done)
+        end_job(jobs_.at(id), JobPhase::done, "");
+}
+
+void Dispatcher::stop_leading() {
+    gathers_until_.reset();
+    log({.level = LogLevel::info,
+         .kind = "leads_no_more",
+         .subject = {},
+         .text = "this broker leads no more: another one does (term " +
+                 std::to_string(term().counter) + ")"});
+    for (auto& [peer, worker] : workers_) {
+        worker.grants.clear();
+        update_load(peer, worker);
+    }
+    for (auto& [id, job] : jobs_)
+        if (job.may_run() || job.phase == JobPhase::paused) {
+            (void)job.drop_unfinished();
+            job.revive();
+            look_ready(job);
+        }
+}
+
+/// What it has in hand, by its own word.
+void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
+    const auto count = [this](const std::vector<TileInFlight>& tiles, auto change) {
+        std::set<JobId> jobs;
+        for (const TileInFlight& tile : tiles)
+            if (!tile.rect.empty()) {
+                change(in_hand_[tile.job].tiles);
+                if (jobs.insert(tile.job).second)
+                    change(in_hand_[tile.job].workers);
+            }
+        return jobs;
+    };
+    for (const JobId& job : count(worker.in_hand, [](std::uint32_t& n) { --n; }))
+        if (in_hand_.at(job).tiles == 0)
+            in_hand_.erase(job);
+    worker.in_hand = beat.in_flight;
+    (void)count(worker.in_hand, [](std::uint32_t& n) { ++n; });
+    if (!worker.tells_by || beat.term < term())
+        return;
+    if (deals_out())
+        adopt_in_hand(peer, worker);
+    set_tells_by(peer, worker, std::nullopt);
+}
+
+void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
+    for (const TileInFlight& in_hand : worker.in_hand) {
+        const GrantKey key{in_hand.job, in_hand.tile, in_hand.attempt};
+        if (worker.grants.contains(key))
+            continue;
+        attempts_ = std::max(attempts_, static_cast<std::uint32_t>(in_hand.attempt));
+        Grant grant{.granted_at = now_,
+                    .progress_at = now_,
+                    .started_at = now_,
+                    .rays = in_hand.rays,
+                    .adopted = true};
+        Job* job = job_of(in_hand.job);
+        const auto tile = job ? job->tile_at(in_hand.pass, in_hand.rect) : std::nullopt;
+        if (tile && (job->may_run() || job->phase == JobPhase::paused)) {
+            grant.id = job->adopt(*tile, {peer, in_hand.attempt});
+            grant.tile = *tile;
+            grant.work = job->costs().work(tile->cells);
+            if (job->phase == JobPhase::queued && grant.id != OpenTileId::none)
+                job->phase = JobPhase::running;
+            look_ready(*job);
+        }
+        worker.grants.emplace(key, std::move(grant));
+    }
+    update_load(peer, worker);
+}
+
+/// One that was greeted, or told that this broker leads, and has not said what it has.
+void Dispatcher::wait_no_longer_for_silent_workers() {
+    for (auto& [peer, worker] : workers_)
+        if (worker.tells_by && now_ > *worker.tells_by) {
+            if (deals_out())
+                adopt_in_hand(peer, worker);
+            set_tells_by(peer, worker, std::nullopt);
+        }
+}
+
+/// A tile that another broker has handed out: workers answer all.
+void Dispatcher::take_witnessed(const std::string& worker_name, const TileRendered& answer) {
+    Job* job = job_of(answer.job);
+    if (!job || answer.rect.empty() || is_over(job->phase) ||
+        job->phase == JobPhase::waiting_for_scene)
+        return;
+    const auto tile = job->tile_at(answer.pass, answer.rect);
+    if (!tile || job->index(*tile) != answer.tile ||
+        byte_count(answer.blobs) !=
+            answer.rect.pixel_count() * job->submission().settings.pixel_bytes())
+        return;
+    if (job->all_cells_done(*tile)) {
+        ++counters_.answers_unneeded;
+        return;
+    }
+    ++counters_.tiles_done;
+    counters_.rays += answer.rays;
+    take_result(*job, OpenTileId::none, *tile, static_cast<double>(answer.rays.total()),
+                std::make_shared<TileDone>(TileDone{.job = job->id(),
+                                                    .tile = answer.tile,
+                                                    .frame = job->submission().wishes.frame,
+                                                    .pass = answer.pass,
+                                                    .rect = answer.rect,
+                                                    .worker_name = worker_name,
+                                                    .rays = answer.rays,
+                                                    .elapsed = std::max(answer.elapsed, Duration{}),
+                                                    .blobs = answer.blobs}));
+}
+
+} // namespace fraja::broker

@@ -1,0 +1,139 @@
+// Who stands for whom, and who leads.
+#include "broker/membership.hpp"
+
+#include "tests/broker/farm.hpp"
+
+#include <chrono>
+#include <doctest/doctest.h>
+
+using namespace fraja;
+using namespace fraja::broker;
+using namespace std::chrono_literals;
+using Change = Membership::Change;
+
+namespace {
+
+constexpr Membership::Terms terms{.patience = 1300ms, .patience_max = 2600ms, .counter_min = 100};
+
+/// Named by when it started.
+BrokerId broker_of(std::uint8_t number) {
+    return id_of<BrokerId>(number);
+}
+Membership::Rank rank_of(std::uint8_t number) {
+    return {std::chrono::seconds(number), broker_of(number)};
+}
+protocol::BrokerHello hello_of(std::uint8_t number) {
+    return {.broker = broker_of(number),
+            .started_at = std::chrono::seconds(number),
+            .endpoint = "tcp://b" + std::to_string(number) + ":50057",
+            .program_version = "1",
+            .keeps = true};
+}
+protocol::BrokerBeat beat_of(std::uint8_t number, bool is_synced, protocol::Term term = {}) {
+    return {.broker = broker_of(number), .term = term, .is_synced = is_synced, .brokers = {}};
+}
+
+/// One of several, that has met the others and has all that they have.
+struct One {
+    explicit One(std::uint8_t number) : membership(rank_of(number), terms, false, now) {
+        membership.set_synced(true);
+    }
+    void meet(std::uint8_t number, bool is_synced = true, protocol::Term term = {}) {
+        (void)membership.meet(now, hello_of(number));
+        membership.hear(now, beat_of(number, is_synced, term));
+    }
+    Change after(Duration time) {
+        now = now + time;
+        return membership.update(now);
+    }
+
+    Instant now{};
+    Membership membership;
+};
+
+} // namespace
+
+TEST_CASE("a broker that stands alone leads at once") {
+    Membership membership(rank_of(1), terms, true, {});
+    CHECK(membership.update({}) == Change::begins_to_lead);
+    CHECK(membership.term() == protocol::Term{100, broker_of(1)});
+    CHECK(membership.update({}) == Change::none);
+}
+
+TEST_CASE("one that has others looks around before it leads") {
+    One one(1);
+    CHECK(one.after(2599ms) == Change::none);
+    CHECK(one.after(1ms) == Change::begins_to_lead);
+    CHECK(one.membership.next_deadline(one.now) == Instant::never());
+}
+
+TEST_CASE("who started first leads, of those who are here and have all that there is") {
+    struct Row {
+        const char* what;
+        bool other_is_synced;
+        std::uint8_t own, other;
+        bool leads;
+    };
+    for (const Row& row :
+         {Row{"it started first", true, 1, 2, true}, Row{"the other did", true, 2, 1, false},
+          Row{"the other did, and lacks something", false, 2, 1, true}}) {
+        CAPTURE(row.what);
+        One one(row.own);
+        one.after(2500ms);
+        one.meet(row.other, row.other_is_synced);
+        (void)one.after(100ms);
+        CHECK(one.membership.leads() == row.leads);
+    }
+}
+
+TEST_CASE("one that lacks something does not lead, however alone it is") {
+    One one(1);
+    one.membership.set_synced(false);
+    CHECK(one.after(1h) == Change::none);
+    one.membership.set_synced(true);
+    CHECK(one.after(0s) == Change::begins_to_lead);
+}
+
+TEST_CASE("the next one takes over when the leader is gone, with a greater term") {
+    One one(2);
+    one.after(2500ms);
+    one.meet(1, true, {500, broker_of(1)});
+    CHECK(one.membership.term() == protocol::Term{500, broker_of(1)});
+    CHECK(one.after(1300ms) == Change::none);
+    CHECK(one.membership.next_deadline(one.now - 1ms) <= one.now + 1ns);
+    CHECK(one.after(1ns) == Change::begins_to_lead);
+    CHECK(one.membership.term() == protocol::Term{501, broker_of(2)});
+    one.meet(1, true, {500, broker_of(1)}); // it comes back
+    CHECK(one.after(0s) == Change::leads_no_more);
+}
+
+TEST_CASE("whoever hears of a greater term leads no more, and begins another one later") {
+    One one(1);
+    REQUIRE(one.after(2600ms) == Change::begins_to_lead);
+    one.membership.learn({700, broker_of(9)}); // a worker has heard of it
+    CHECK(one.after(0s) == Change::leads_no_more);
+    CHECK(one.after(1299ms) == Change::none);
+    CHECK(one.after(1ms) == Change::begins_to_lead);
+    CHECK(one.membership.term() == protocol::Term{701, broker_of(1)});
+    one.membership.learn({UINT64_MAX, broker_of(9)}); // nothing is above that: it is rubbish
+    CHECK(one.after(0s) == Change::none);
+}
+
+TEST_CASE("of two terms with one counter one is greater, so that two leaders do not last") {
+    One one(1);
+    REQUIRE(one.after(2600ms) == Change::begins_to_lead);
+    one.membership.learn({100, broker_of(0)});
+    CHECK(one.after(0s) == Change::none);
+    one.membership.learn({100, broker_of(2)});
+    CHECK(one.after(0s) == Change::leads_no_more);
+}
+
+TEST_CASE("a broker that stood still counts that as nobody's silence") {
+    One one(2);
+    one.after(2500ms);
+    one.meet(1);
+    one.now = one.now + 1h;
+    one.membership.forgive(1h);
+    CHECK(one.after(0s) == Change::none);
+    CHECK(one.membership.here(one.now).size() == 1);
+}
