@@ -37,7 +37,8 @@ Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
 void Job::set_passes(std::uint32_t passes) {
     FRAJA_ASSERT(passes > 0 && passes <= pass_count(submission_.settings) && fresh_ == 0);
     passes_ = passes;
-    fresh_end_ = grid_.count() * passes;
+    if (is_fixed())
+        fresh_end_ = grid_.count() * passes;
 }
 
 void Job::set_only_pass(std::uint32_t pass) {

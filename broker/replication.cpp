@@ -308,11 +308,12 @@ void Dispatcher::settle_numbers() {
 // ------------------------------------------------------------------------------------ copies
 
 bool Dispatcher::needs_copy(const Job& job) const {
-    if (job.is_adopted || !job.copies.empty() || now_ >= job.copied_by)
+    if (job.is_adopted || now_ >= job.copied_by)
         return false;
     const auto here = membership_.here(now_);
-    return std::ranges::any_of(
-        here, [&](const BrokerId& id) { return membership_.peers().at(id).is_synced; });
+    return std::ranges::any_of(here, [&](const BrokerId& id) {
+        return membership_.peers().at(id).is_synced && !job.copies.contains(id);
+    });
 }
 
 void Dispatcher::note_copy(const BrokerId& broker, const JobId& id) {
@@ -323,7 +324,7 @@ void Dispatcher::note_copy(const BrokerId& broker, const JobId& id) {
     acknowledge_if_safe(*job);
 }
 
-/// It is kept here, and by somebody else, if there is anybody.
+/// It is kept here, and by all others that are here: then any of them may be the one that is left.
 void Dispatcher::acknowledge_if_safe(Job& job) {
     if (!job.is_being_kept || !job.is_stored || needs_copy(job))
         return;
