@@ -13,12 +13,11 @@ Dispatcher::Dispatcher(Identity identity, Limits limits)
           {identity_.unix_offset + (identity_.started_at - Instant{}), identity_.broker},
           {.patience = from_seconds(limits.peer_patience_beats * seconds(limits.heartbeat)),
            .patience_max = from_seconds(2 * limits.peer_patience_beats * seconds(limits.heartbeat)),
+           .settling = 2 * limits.heartbeat / limits.peer_beats,
            .counter_min = identity_.epoch},
           identity_.peers.empty(), identity_.started_at),
-      fetch_times_(limits.fetch_times_max), blobs_(limits.blob_bytes_max) {
-    for (const std::string& endpoint : identity_.peers)
-        lines_[endpoint].is_configured = true;
-}
+      fetch_times_(limits.fetch_times_max), blobs_(limits.blob_bytes_max),
+      now_(identity_.started_at) {}
 
 void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
     actions_ = &actions;

@@ -152,7 +152,9 @@ private:
         std::map<JobId, Instant> repairs; ///< asked for, and not answered
         std::set<JobId> repaired;         ///< answered in full
     };
-    [[nodiscard]] bool is_alone() const { return lines_.empty() && colleagues_.empty(); }
+    [[nodiscard]] bool is_alone() const {
+        return identity_.peers.empty() && lines_.empty() && colleagues_.empty();
+    }
     [[nodiscard]] protocol::Term term() const { return membership_.term(); }
     void on(const BrokerSaid& event);
     void meet_broker(const PeerId& peer, const protocol::BrokerHello& hello);

@@ -46,6 +46,11 @@ void Membership::learn(const protocol::Term& term) {
         term_ = std::max(term_, term);
 }
 
+void Membership::set_synced(Instant now) {
+    is_synced_ = true;
+    leads_from_ = std::max(leads_from_, now + terms_.settling);
+}
+
 bool Membership::is_here(const BrokerId& broker, Instant now) const {
     const auto found = peers_.find(broker);
     return found != peers_.end() && is_here(found->second, now);

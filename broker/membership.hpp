@@ -28,6 +28,7 @@ public:
     struct Terms {
         Duration patience{};           ///< who was not heard for so long is gone
         Duration patience_max{};       ///< at the start, when nobody has been heard yet
+        Duration settling{};           ///< for others to say what they have, once it has all
         std::uint64_t counter_min = 0; ///< of a term that begins here: those before were lower
     };
     struct Peer {
@@ -50,8 +51,9 @@ public:
     void hear(Instant now, const protocol::BrokerBeat& beat);
     /// A term that somebody has heard of.
     void learn(const protocol::Term& term);
-    /// Whether it has all that the others have; it begins with nothing, unless alone.
-    void set_synced(bool synced) { is_synced_ = synced; }
+    /// From now on it has all that the others have; it begins with nothing, unless alone. They may
+    /// have come to that at the same time.
+    void set_synced(Instant now);
     /// What becomes of time and of all that was heard. To be called after anything.
     enum class Change : std::uint8_t { none, begins_to_lead, leads_no_more };
     [[nodiscard]] Change update(Instant now);

@@ -210,7 +210,7 @@ void Dispatcher::keep_company() {
         all_compared = all_compared && colleague.is_compared;
     }
     if (!membership_.is_synced() && all_compared && membership_.has_looked_around(now_)) {
-        membership_.set_synced(true);
+        membership_.set_synced(now_);
         log({.level = LogLevel::info,
              .kind = "synced",
              .subject = {},

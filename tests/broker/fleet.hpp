@@ -44,6 +44,7 @@ public:
     void kill(std::size_t i) {
         nodes[i].dispatcher.reset();
         nodes[i].cut.clear();
+        nodes[i].dialled.clear();
         for (std::size_t other = 0; other < nodes.size(); ++other)
             if (nodes[other].dispatcher)
                 event(other, PeerUnreachable{broker_peer(i)});
@@ -205,6 +206,7 @@ public:
         BrokerId id;
         std::unique_ptr<Dispatcher> dispatcher; ///< null: it is dead
         std::set<std::size_t> cut;
+        std::set<std::string> dialled;
         std::vector<Publish> stream;
         std::vector<Log> logs;
     };
@@ -228,8 +230,13 @@ private:
         return nodes[to].dispatcher && !nodes[from].cut.contains(to);
     }
     void take(std::size_t from, Action action) {
-        if (auto* words = std::get_if<Tell>(&action)) {
+        if (const auto* dial = std::get_if<Dial>(&action)) {
+            CHECK(nodes[from].dialled.insert(dial->endpoint).second);
+        } else if (const auto* gone = std::get_if<HangUp>(&action)) {
+            CHECK(nodes[from].dialled.erase(gone->endpoint) == 1);
+        } else if (auto* words = std::get_if<Tell>(&action)) {
             (void)protocol::encode(words->message);
+            CHECK(nodes[from].dialled.contains(words->endpoint));
             const auto to = index_of(words->endpoint);
             if (to && reaches(from, *to))
                 queue_.emplace_back(*to, PeerSaid{broker_peer(from), std::move(words->message)});

@@ -13,7 +13,8 @@ using Change = Membership::Change;
 
 namespace {
 
-constexpr Membership::Terms terms{.patience = 1300ms, .patience_max = 2600ms, .counter_min = 100};
+constexpr Membership::Terms terms{
+    .patience = 1300ms, .patience_max = 2600ms, .settling = 500ms, .counter_min = 100};
 
 /// Named by when it started.
 BrokerId broker_of(std::uint8_t number) {
@@ -36,7 +37,7 @@ protocol::BrokerBeat beat_of(std::uint8_t number, bool is_synced, protocol::Term
 /// One of several, that has met the others and has all that they have.
 struct One {
     explicit One(std::uint8_t number) : membership(rank_of(number), terms, false, now) {
-        membership.set_synced(true);
+        membership.set_synced(now);
     }
     void meet(std::uint8_t number, bool is_synced = true, protocol::Term term = {}) {
         (void)membership.meet(now, hello_of(number));
@@ -87,11 +88,13 @@ TEST_CASE("who started first leads, of those who are here and have all that ther
 }
 
 TEST_CASE("one that lacks something does not lead, however alone it is") {
-    One one(1);
-    one.membership.set_synced(false);
-    CHECK(one.after(1h) == Change::none);
-    one.membership.set_synced(true);
-    CHECK(one.after(0s) == Change::begins_to_lead);
+    Membership membership(rank_of(1), terms, false, {});
+    const Instant now = Instant{} + 1h;
+    CHECK(membership.update(now) == Change::none);
+    membership.set_synced(now);
+    CHECK(membership.update(now + 499ms) == Change::none); // others may have come to that, too
+    CHECK(membership.next_deadline(now) == now + 500ms);
+    CHECK(membership.update(now + 500ms) == Change::begins_to_lead);
 }
 
 TEST_CASE("the next one takes over when the leader is gone, with a greater term") {
