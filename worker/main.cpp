@@ -63,6 +63,10 @@ int fail(const std::string& message) {
     return cli::leave(cli::failure(program, message));
 }
 
+int fail(const Error& error) {
+    return cli::leave(cli::failure(program, error));
+}
+
 void describe(CLI::App& app, Arguments& arguments) {
     worker::WorkerOptions& options = arguments.options;
     app.set_version_flag("--version",
@@ -210,7 +214,7 @@ int main(int argc, char** argv) try {
                                        .isa = *isa},
                                       signals)
                           .run();
-    return code ? *code : fail(code.error().message);
+    return code ? *code : fail(code.error());
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());
     return 1;
