@@ -1,4 +1,5 @@
 // fraja-worker: reads the options and runs the worker.
+#include "common/base/allowance.hpp"
 #include "common/base/freed_memory.hpp"
 #include "common/base/resident_memory.hpp"
 #include "common/base/text.hpp"
@@ -51,6 +52,7 @@ struct Arguments {
     std::optional<worker::Hours> hours;
     std::vector<std::string> emulate;
     std::string hours_text, idle_exit, max_memory;
+    std::string threads_because, warning; ///< for its first words
     int niceness = 0;
     service::LogOptions log;
 };
@@ -156,6 +158,17 @@ Result<void> read_duty(Arguments& arguments) {
     return {};
 }
 
+/// What it may have of the machine, where that is less than all.
+void look_at_allowance(Arguments& arguments, bool threads_given) {
+    worker::WorkerOptions& options = arguments.options;
+    if (!threads_given)
+        arguments.threads_because = usable_processors().limit;
+    worker::MemoryShare memory =
+        worker::memory_share(arguments.duty.memory_max, memory_limit(read_system_file));
+    options.memory_bytes = memory.bytes;
+    arguments.warning = std::move(memory.warning);
+}
+
 /// Endpoints as sockets take them, and what is emulated.
 Result<void> complete(Arguments& arguments, bool threads_given) {
     worker::WorkerOptions& options = arguments.options;
@@ -199,6 +212,7 @@ int main(int argc, char** argv) try {
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(origins.blame(completed.error().message));
+    look_at_allowance(arguments, app.count("--threads") > 0);
     const auto isa = kernel::instruction_set();
     if (!isa)
         return fail(isa.error().message);
@@ -211,7 +225,9 @@ int main(int argc, char** argv) try {
                                        .duty = arguments.duty,
                                        .hours = arguments.hours,
                                        .log = arguments.log,
-                                       .isa = *isa},
+                                       .isa = *isa,
+                                       .threads_because = arguments.threads_because,
+                                       .warning = arguments.warning},
                                       signals)
                           .run();
     return code ? *code : fail(code.error());

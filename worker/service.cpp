@@ -31,10 +31,13 @@ int exit_code(FinishReason reason, int last_signal) {
     return Exit::done;
 }
 
-std::string opening_line(const WorkerOptions& options, const std::string& isa) {
+std::string opening_line(const ServiceOptions& service) {
+    const WorkerOptions& options = service.worker;
+    const std::string& isa = service.isa;
     if (options.emulated.empty())
-        return fmt::format("'{}' serves with {} on {}", options.name,
-                           counted(options.threads, "thread"), isa);
+        return fmt::format(
+            "'{}' serves with {} on {}{}", options.name, counted(options.threads, "thread"), isa,
+            service.threads_because.empty() ? "" : " (" + service.threads_because + ")");
     std::string speeds;
     for (const EmulatedWorkers& e : options.emulated)
         speeds +=
@@ -48,8 +51,7 @@ std::string opening_line(const WorkerOptions& options, const std::string& isa) {
 } // namespace
 
 Service::Service(ServiceOptions options, const net::SignalWatch& signals)
-    : options_(std::move(options)), signals_(signals),
-      opening_(opening_line(options_.worker, options_.isa)),
+    : options_(std::move(options)), signals_(signals), opening_(opening_line(options_)),
       logger_(options_.program, options_.log), duty_(options_.duty) {
     options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
     options_.worker.on_listening = [this](const std::vector<std::string>& endpoints) {
@@ -79,8 +81,11 @@ Result<int> Service::run() {
 
 /// Once, however often it rests.
 void Service::open() {
-    if (!std::exchange(opened_, true))
-        tell(opening_);
+    if (std::exchange(opened_, true))
+        return;
+    tell(opening_);
+    if (!options_.warning.empty())
+        logger_.log({LogLevel::warning, {}, {}, options_.warning});
 }
 
 void Service::tell(const std::string& text) {

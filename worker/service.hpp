@@ -23,7 +23,9 @@ struct ServiceOptions {
     DutyTerms duty;
     std::optional<Hours> hours; ///< nothing: all day
     service::LogOptions log;
-    std::string isa; ///< what it renders with, for people
+    std::string isa;                  ///< what it renders with, for people
+    std::string threads_because = {}; ///< why they are fewer than the machine has; empty: no reason
+    std::string warning = {};         ///< said with its first words; empty: none
 };
 
 class Service {
