@@ -212,9 +212,10 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->type_name("DIR");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
-    app.add_option("--http", arguments.http,
-                   "Where /metrics (for Prometheus) and /healthz are served; port 0: the system "
-                   "chooses; it is printed")
+    app.add_option(
+           "--http", arguments.http,
+           "Where /metrics (for Prometheus), /healthz and /livez are served; port 0: the system "
+           "chooses; it is printed")
         ->envname("FRAJA_HTTP")
         ->type_name("ADDR:PORT");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")

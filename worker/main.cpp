@@ -53,6 +53,7 @@ struct Arguments {
     std::vector<std::string> emulate;
     std::string hours_text, idle_exit, max_memory;
     std::string threads_because, warning; ///< for its first words
+    std::string alive_file;
     int niceness = 0;
     service::LogOptions log;
 };
@@ -125,6 +126,10 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->check(CLI::Range(0, 19))
         ->default_str("0")
         ->type_name("N");
+    app.add_option("--alive", arguments.alive_file,
+                   "Write this file anew about every second, for whoever looks at its age and "
+                   "starts workers again that hang")
+        ->type_name("FILE");
     service::add_log_options(app, arguments.log);
 }
 
@@ -227,7 +232,8 @@ int main(int argc, char** argv) try {
                                        .log = arguments.log,
                                        .isa = *isa,
                                        .threads_because = arguments.threads_because,
-                                       .warning = arguments.warning},
+                                       .warning = arguments.warning,
+                                       .alive_file = arguments.alive_file},
                                       signals)
                           .run();
     return code ? *code : fail(code.error());

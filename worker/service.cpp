@@ -5,10 +5,13 @@
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 
+#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <fmt/core.h>
+#include <fstream>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -64,6 +67,10 @@ Service::Service(ServiceOptions options, const net::SignalWatch& signals)
 }
 
 Result<int> Service::run() {
+    if (!show_life())
+        return Error{ErrorCode::io, "--alive " + options_.alive_file +
+                                        ": no file can be written there: " +
+                                        std::generic_category().message(errno)};
     if (options_.worker.listen.empty())
         open();
     for (;;) {
@@ -95,11 +102,18 @@ bool Service::on_duty() const {
     return !options_.hours || options_.hours->contains(minute_now());
 }
 
+/// To those who would start it again by the age of a file. False: none can be written.
+bool Service::show_life() const {
+    // Opened to be emptied, it is as old as now.
+    return options_.alive_file.empty() || std::ofstream(options_.alive_file).good();
+}
+
 /// From the worker's thread, about once a second.
 void Service::look_at(const Load& load) {
     if (!std::exchange(is_ready_, true))
         notifier_.ready(opening_);
     notifier_.alive(net::now());
+    (void)show_life();
     logger_.tell_due();
     if (leaving_ || signal_count_ > 0)
         return;
@@ -130,6 +144,7 @@ bool Service::wait_for_hours() {
             is_ready_ = true;
         }
         notifier_.alive(net::now());
+        (void)show_life();
         net::wait({signals_.fd()}, std::chrono::seconds(1));
         if (signals_.receive())
             return false;
