@@ -6,11 +6,19 @@
 
 namespace fraja::broker {
 
+Health liveness_of(const Report* latest, Instant now) {
+    if (!latest)
+        return {true, ""};
+    if (const Duration silence = now - latest->at; silence > loop_patience)
+        return {false, "the broker's loop has not turned for " + format_duration(silence)};
+    return {true, ""};
+}
+
 Health health_of(const Report* latest, Instant now) {
     if (!latest)
         return {false, "the broker is starting"};
-    if (const Duration silence = now - latest->at; silence > loop_patience)
-        return {false, "the broker's loop has not turned for " + format_duration(silence)};
+    if (Health alive = liveness_of(latest, now); !alive.is_well)
+        return alive;
     if (const std::string& trouble = latest->figures.store_trouble; !trouble.empty())
         return {false, "nothing can be kept, so nothing is handed out: " + trouble};
     return {true, ""};

@@ -62,6 +62,10 @@ int fail(const std::string& message) {
     return cli::leave(cli::failure(program, message));
 }
 
+int fail(const Error& error) {
+    return cli::leave(cli::failure(program, error));
+}
+
 /// Of so many failures within a time: `3/10m`.
 Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
     const std::size_t slash = text.find('/');
@@ -233,9 +237,10 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->type_name("DIR");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
-    app.add_option("--http", arguments.http,
-                   "Where /metrics (for Prometheus) and /healthz are served; port 0: the system "
-                   "chooses; it is printed")
+    app.add_option(
+           "--http", arguments.http,
+           "Where /metrics (for Prometheus), /healthz and /livez are served; port 0: the system "
+           "chooses; it is printed")
         ->envname("FRAJA_HTTP")
         ->type_name("ADDR:PORT");
     app.add_option("--heartbeat", arguments.heartbeat, "Time between two signs of life")
@@ -351,7 +356,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
         auto bound =
             http::Server::bind(*arguments.http_address, {status_pages(board, options.state)});
         if (!bound)
-            return fail("--http: " + bound.error().message);
+            return fail(Error{bound.error().code, "--http: " + bound.error().message});
         pages = std::move(*bound);
     }
     const auto tell = [&](const std::string& text) { logger.log({LogLevel::info, {}, {}, text}); };
@@ -398,7 +403,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
     if (!ran)
-        return fail(ran.error().message);
+        return fail(ran.error());
     return 0;
 }
 

@@ -54,8 +54,9 @@ Result<StateLock> StateLock::take(const fs::path& directory) {
     if (::flock(lock.fd_, LOCK_EX | LOCK_NB) != 0) {
         if (errno != EWOULDBLOCK)
             return refused(file, "cannot lock this file", errno);
-        return Error{ErrorCode::io, directory.string() + ": another fraja-broker is using it (" +
-                                        holder(lock.fd_) + "). Stop that, or give another --state"};
+        return Error{ErrorCode::in_use,
+                     directory.string() + ": another fraja-broker is using it (" +
+                         holder(lock.fd_) + "). Stop that, or give another --state"};
     }
     // It only helps a person: a full disk, on which this fails, is no reason not to start.
     const std::string pid = std::to_string(::getpid());

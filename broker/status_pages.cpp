@@ -14,8 +14,7 @@ http::Answer metrics(const Board& board, const std::filesystem::path& state) {
                                              state.empty() ? std::nullopt : store_usage(state)}))};
 }
 
-http::Answer health(const Board& board) {
-    const Health now = health_of(board.latest().get(), net::now());
+http::Answer health(const Health& now) {
     return {.status = now.is_well ? 200 : 503,
             .type = "application/json",
             .body = http::body(to_json(now))};
@@ -46,8 +45,10 @@ http::Answerer status_pages(const Board& board, std::filesystem::path state) {
         if (request.path == "/metrics")
             return metrics(board, state);
         if (request.path == "/healthz")
-            return health(board);
-        return http::refusal(404, "there is no such page; there is /healthz /metrics");
+            return health(health_of(board.latest().get(), net::now()));
+        if (request.path == "/livez")
+            return health(liveness_of(board.latest().get(), net::now()));
+        return http::refusal(404, "there is no such page; there is /healthz /livez /metrics");
     };
 }
 

@@ -5,6 +5,7 @@
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "client/watching.hpp"
+#include "common/base/allowance.hpp"
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/settings.hpp"
@@ -23,7 +24,6 @@
 #include <set>
 #include <sys/resource.h>
 #include <system_error>
-#include <thread>
 #include <unistd.h>
 #include <utility>
 
@@ -79,9 +79,11 @@ Finding examine_processors() {
     const auto isa = kernel::instruction_set();
     if (!isa)
         return {bad, "processors", isa.error().message, "choose another machine, or FRAJA_ISA"};
+    const Processors all = usable_processors();
     return {good,
             "processors",
-            fmt::format("{} of them, {}", std::thread::hardware_concurrency(), *isa),
+            fmt::format("{} of them, {}{}", all.usable, *isa,
+                        all.limit.empty() ? "" : ": " + all.limit),
             {}};
 }
 

@@ -2,6 +2,7 @@
 
 #include "common/base/text.hpp"
 
+#include <algorithm>
 #include <ctime>
 #include <fmt/core.h>
 
@@ -49,6 +50,17 @@ std::uint32_t minute_now() {
     localtime_r(&now, &local);
     return static_cast<std::uint32_t>(local.tm_hour) * minutes_per_hour +
            static_cast<std::uint32_t>(local.tm_min);
+}
+
+MemoryShare memory_share(std::uint64_t memory_max, const std::optional<GroupLimit>& group) {
+    const auto bytes = group ? static_cast<std::uint64_t>(group->amount) : 0;
+    if (memory_max == 0 || bytes == 0)
+        return {std::max(memory_max, bytes), {}};
+    if (memory_max < bytes)
+        return {memory_max, {}};
+    return {bytes, fmt::format("--max-memory of {} MiB: {} lets it have {} MiB, beyond which the "
+                               "system ends it before it can leave by itself; give less",
+                               memory_max >> 20, group->file, bytes >> 20)};
 }
 
 Duty::Verdict Duty::judge(Instant now, const Load& load, std::uint64_t resident_bytes) {

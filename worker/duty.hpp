@@ -1,6 +1,7 @@
 // Duty: when a worker serves, and when it has served enough.
 #pragma once
 
+#include "common/base/allowance.hpp"
 #include "common/base/instant.hpp"
 #include "worker/options.hpp"
 
@@ -30,6 +31,17 @@ struct DutyTerms {
     bool once = false;                 ///< enough when its first work is over
     std::uint64_t memory_max = 0;      ///< bytes that it may grow to; 0: no limit
 };
+
+struct MemoryShare {
+    std::uint64_t bytes = 0; ///< that it may have; 0: no limit is known
+    std::string warning;     ///< for people; empty: all is well
+    friend bool operator==(const MemoryShare&, const MemoryShare&) = default;
+};
+
+/// By its own limit (0: none) and its control groups'. Where the latter is not above the former,
+/// the system ends it before it can leave by itself.
+[[nodiscard]] MemoryShare memory_share(std::uint64_t memory_max,
+                                       const std::optional<GroupLimit>& group);
 
 /// Looks on while a worker serves.
 class Duty {

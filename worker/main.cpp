@@ -1,4 +1,5 @@
 // fraja-worker: reads the options and runs the worker.
+#include "common/base/allowance.hpp"
 #include "common/base/freed_memory.hpp"
 #include "common/base/resident_memory.hpp"
 #include "common/base/text.hpp"
@@ -51,6 +52,8 @@ struct Arguments {
     std::optional<worker::Hours> hours;
     std::vector<std::string> emulate;
     std::string hours_text, idle_exit, max_memory;
+    std::string threads_because, warning; ///< for its first words
+    std::string alive_file;
     int niceness = 0;
     service::LogOptions log;
 };
@@ -61,6 +64,10 @@ int usage_error(const std::string& message) {
 
 int fail(const std::string& message) {
     return cli::leave(cli::failure(program, message));
+}
+
+int fail(const Error& error) {
+    return cli::leave(cli::failure(program, error));
 }
 
 void describe(CLI::App& app, Arguments& arguments) {
@@ -119,6 +126,10 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->check(CLI::Range(0, 19))
         ->default_str("0")
         ->type_name("N");
+    app.add_option("--alive", arguments.alive_file,
+                   "Write this file anew about every second, for whoever looks at its age and "
+                   "starts workers again that hang")
+        ->type_name("FILE");
     service::add_log_options(app, arguments.log);
 }
 
@@ -150,6 +161,17 @@ Result<void> read_duty(Arguments& arguments) {
         arguments.duty.memory_max = *bytes;
     }
     return {};
+}
+
+/// What it may have of the machine, where that is less than all.
+void look_at_allowance(Arguments& arguments, bool threads_given) {
+    worker::WorkerOptions& options = arguments.options;
+    if (!threads_given)
+        arguments.threads_because = usable_processors().limit;
+    worker::MemoryShare memory =
+        worker::memory_share(arguments.duty.memory_max, memory_limit(read_system_file));
+    options.memory_bytes = memory.bytes;
+    arguments.warning = std::move(memory.warning);
 }
 
 /// Endpoints as sockets take them, and what is emulated.
@@ -195,6 +217,7 @@ int main(int argc, char** argv) try {
     worker::WorkerOptions& options = arguments.options;
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(origins.blame(completed.error().message));
+    look_at_allowance(arguments, app.count("--threads") > 0);
     const auto isa = kernel::instruction_set();
     if (!isa)
         return fail(isa.error().message);
@@ -207,10 +230,13 @@ int main(int argc, char** argv) try {
                                        .duty = arguments.duty,
                                        .hours = arguments.hours,
                                        .log = arguments.log,
-                                       .isa = *isa},
+                                       .isa = *isa,
+                                       .threads_because = arguments.threads_because,
+                                       .warning = arguments.warning,
+                                       .alive_file = arguments.alive_file},
                                       signals)
                           .run();
-    return code ? *code : fail(code.error().message);
+    return code ? *code : fail(code.error());
 } catch (const std::exception& e) {
     fmt::print(stderr, "fraja-worker: {}\n", e.what());
     return 1;

@@ -1,5 +1,6 @@
 #include "worker/options.hpp"
 
+#include "common/base/allowance.hpp"
 #include "common/base/text.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
@@ -7,9 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cmath>
-#include <fstream>
-#include <sched.h>
 #include <unistd.h>
 #include <utility>
 
@@ -59,23 +57,6 @@ Result<void> validate_emulated(const WorkerOptions& o) {
         return invalid("--name: with /" + std::to_string(emulated_count(o)) + " at most " +
                        std::to_string(protocol::name_bytes_max) + " bytes");
     return {};
-}
-
-/// Of this process's control group (v2), as a container sees it.
-std::uint32_t quota_cpu_count() {
-    std::ifstream file("/sys/fs/cgroup/cpu.max");
-    double quota = 0, period = 0; // "max" does not read as a number: no quota
-    if (file >> quota >> period && quota > 0 && period > 0)
-        return static_cast<std::uint32_t>(std::clamp(std::ceil(quota / period), 1.0, 1e6));
-    return threads_max;
-}
-
-std::uint32_t affinity_cpu_count() {
-    cpu_set_t set;
-    CPU_ZERO(&set);
-    if (sched_getaffinity(0, sizeof set, &set) != 0) // more CPUs than the set has room for
-        return static_cast<std::uint32_t>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
-    return static_cast<std::uint32_t>(CPU_COUNT(&set));
 }
 
 } // namespace
@@ -160,7 +141,7 @@ std::uint64_t emulated_count(const WorkerOptions& options) {
 }
 
 std::uint32_t usable_cpu_count() {
-    return std::clamp(std::min(affinity_cpu_count(), quota_cpu_count()), 1u, threads_max);
+    return std::min(usable_processors().usable, threads_max);
 }
 
 std::string default_worker_name() {

@@ -38,7 +38,8 @@ struct WorkerOptions {
     bool insecure = false;     ///< listen where other machines can reach it, though nobody has keys
     std::uint32_t threads = 1; ///< render threads, shared by all brokers
     std::string name;          ///< for people
-    std::vector<std::string> tags; ///< `K` or `K=V`
+    std::vector<std::string> tags;  ///< `K` or `K=V`
+    std::uint64_t memory_bytes = 0; ///< that it may have, as brokers are told; 0: no limit is known
     /// In place of one true worker: many, each with `threads`, called NAME/1, NAME/2 ..., with the
     /// tag `emulated`. They serve one broker.
     std::vector<EmulatedWorkers> emulated;
@@ -63,8 +64,7 @@ listening_endpoints(const std::string& listen, bool insecure, std::uint64_t coun
 /// All of them.
 [[nodiscard]] std::uint64_t emulated_count(const WorkerOptions& options);
 
-/// CPUs this process may use: its affinity, and its control group's quota where there is one. At
-/// least 1, at most threads_max.
+/// CPUs this process may use (common/base/allowance.hpp). At least 1, at most threads_max.
 [[nodiscard]] std::uint32_t usable_cpu_count();
 
 /// HOST:PID.

@@ -5,10 +5,13 @@
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 
+#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <fmt/core.h>
+#include <fstream>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -31,10 +34,13 @@ int exit_code(FinishReason reason, int last_signal) {
     return Exit::done;
 }
 
-std::string opening_line(const WorkerOptions& options, const std::string& isa) {
+std::string opening_line(const ServiceOptions& service) {
+    const WorkerOptions& options = service.worker;
+    const std::string& isa = service.isa;
     if (options.emulated.empty())
-        return fmt::format("'{}' serves with {} on {}", options.name,
-                           counted(options.threads, "thread"), isa);
+        return fmt::format(
+            "'{}' serves with {} on {}{}", options.name, counted(options.threads, "thread"), isa,
+            service.threads_because.empty() ? "" : " (" + service.threads_because + ")");
     std::string speeds;
     for (const EmulatedWorkers& e : options.emulated)
         speeds +=
@@ -48,8 +54,7 @@ std::string opening_line(const WorkerOptions& options, const std::string& isa) {
 } // namespace
 
 Service::Service(ServiceOptions options, const net::SignalWatch& signals)
-    : options_(std::move(options)), signals_(signals),
-      opening_(opening_line(options_.worker, options_.isa)),
+    : options_(std::move(options)), signals_(signals), opening_(opening_line(options_)),
       logger_(options_.program, options_.log), duty_(options_.duty) {
     options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
     options_.worker.on_listening = [this](const std::vector<std::string>& endpoints) {
@@ -62,6 +67,10 @@ Service::Service(ServiceOptions options, const net::SignalWatch& signals)
 }
 
 Result<int> Service::run() {
+    if (!show_life())
+        return Error{ErrorCode::io, "--alive " + options_.alive_file +
+                                        ": no file can be written there: " +
+                                        std::generic_category().message(errno)};
     if (options_.worker.listen.empty())
         open();
     for (;;) {
@@ -79,8 +88,11 @@ Result<int> Service::run() {
 
 /// Once, however often it rests.
 void Service::open() {
-    if (!std::exchange(opened_, true))
-        tell(opening_);
+    if (std::exchange(opened_, true))
+        return;
+    tell(opening_);
+    if (!options_.warning.empty())
+        logger_.log({LogLevel::warning, {}, {}, options_.warning});
 }
 
 void Service::tell(const std::string& text) {
@@ -90,11 +102,18 @@ bool Service::on_duty() const {
     return !options_.hours || options_.hours->contains(minute_now());
 }
 
+/// To those who would start it again by the age of a file. False: none can be written.
+bool Service::show_life() const {
+    // Opened to be emptied, it is as old as now.
+    return options_.alive_file.empty() || std::ofstream(options_.alive_file).good();
+}
+
 /// From the worker's thread, about once a second.
 void Service::look_at(const Load& load) {
     if (!std::exchange(is_ready_, true))
         notifier_.ready(opening_);
     notifier_.alive(net::now());
+    (void)show_life();
     logger_.tell_due();
     if (leaving_ || signal_count_ > 0)
         return;
@@ -125,6 +144,7 @@ bool Service::wait_for_hours() {
             is_ready_ = true;
         }
         notifier_.alive(net::now());
+        (void)show_life();
         net::wait({signals_.fd()}, std::chrono::seconds(1));
         if (signals_.receive())
             return false;

@@ -23,7 +23,10 @@ struct ServiceOptions {
     DutyTerms duty;
     std::optional<Hours> hours; ///< nothing: all day
     service::LogOptions log;
-    std::string isa; ///< what it renders with, for people
+    std::string isa;                  ///< what it renders with, for people
+    std::string threads_because = {}; ///< why they are fewer than the machine has; empty: no reason
+    std::string warning = {};         ///< said with its first words; empty: none
+    std::string alive_file = {}; ///< written anew about every second, as long as the loop turns
 };
 
 class Service {
@@ -40,6 +43,7 @@ private:
     void open();
     void tell(const std::string& text);
     [[nodiscard]] bool on_duty() const;
+    [[nodiscard]] bool show_life() const;
     void look_at(const Load& load);
     void leave(const std::string& why);
     bool wait_for_hours();

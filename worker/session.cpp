@@ -241,7 +241,7 @@ void Session::hello(Turn& turn) {
                                     .threads = identity_.threads,
                                     .credit = credit(),
                                     .speed_rays_per_s = speed,
-                                    .memory_bytes = 0,
+                                    .memory_bytes = identity_.memory_bytes,
                                     .tags = identity_.tags,
                                     .program_version = std::string(version)});
     ++unanswered_hellos_;

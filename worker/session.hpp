@@ -29,6 +29,7 @@ struct Identity {
     std::vector<std::string> tags;
     /// Brokers call this worker and come and go. So none of them can end it.
     bool is_called = false;
+    std::uint64_t memory_bytes = 0; ///< it may have; 0: no limit is known
 };
 
 struct Limits {

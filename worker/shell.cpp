@@ -116,8 +116,9 @@ private:
 
     /// Of the session with that number, from 0.
     [[nodiscard]] Identity identity_of(std::uint64_t i) const {
-        Identity identity{random_id<WorkerId>(), options_.name, options_.threads, options_.tags,
-                          !options_.listen.empty()};
+        Identity identity{random_id<WorkerId>(),    options_.name,
+                          options_.threads,         options_.tags,
+                          !options_.listen.empty(), options_.memory_bytes};
         if (!options_.emulated.empty()) {
             identity.name += "/" + std::to_string(i + 1);
             identity.tags.emplace_back("emulated");

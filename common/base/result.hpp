@@ -20,6 +20,7 @@ enum class ErrorCode {
     limit_exceeded,     ///< more than a named limit allows
     not_found,
     io,          ///< the operating system refused
+    in_use,      ///< likewise, as another program has it: a port, a folder
     cancelled,   ///< stopped on request before it was done
     unreachable, ///< a peer that is not there
     refused,     ///< a peer that says no

@@ -72,6 +72,14 @@ EarlyExit failure(std::string_view program, std::string_view message) {
     return {2, std::string(program) + ": error: " + printable(message) + "\n"};
 }
 
+EarlyExit failure(std::string_view program, const Error& error) {
+    constexpr int start_again = 75; // EX_TEMPFAIL of sysexits.h
+    EarlyExit exit = failure(program, error.message);
+    if (error.code == ErrorCode::in_use)
+        exit.code = start_again;
+    return exit;
+}
+
 int leave(const EarlyExit& exit) {
     std::fputs(exit.text.c_str(), exit.code == 0 ? stdout : stderr);
     return exit.code;

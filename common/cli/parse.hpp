@@ -41,6 +41,8 @@ parse(CLI::App& app, std::vector<std::string> arguments, Origins& origins,
 
 /// The same where the command line is as it should be, and the world is not.
 [[nodiscard]] EarlyExit failure(std::string_view program, std::string_view message);
+/// With exit code 75 where another program has what is needed: it may be free the next time.
+[[nodiscard]] EarlyExit failure(std::string_view program, const Error& error);
 
 /// Prints it where it belongs: help and version on stdout, mistakes on stderr. Returns the code.
 int leave(const EarlyExit& exit);

@@ -52,10 +52,11 @@ Result<Listener> listen_at(const Address& address) {
     Binding binding;
     const int port = binding.bind(address);
     if (port <= 0)
-        return Error{ErrorCode::io, to_string(address) + ": cannot listen there: " +
-                                        (errno != 0 ? std::generic_category().message(errno)
-                                                    : "no such address on this machine") +
-                                        " (with port 0 the system chooses one)"};
+        return Error{errno == EADDRINUSE ? ErrorCode::in_use : ErrorCode::io,
+                     to_string(address) + ": cannot listen there: " +
+                         (errno != 0 ? std::generic_category().message(errno)
+                                     : "no such address on this machine") +
+                         " (with port 0 the system chooses one)"};
     Listener listener{binding.release(), {address.host, static_cast<std::uint16_t>(port)}};
     FRAJA_ASSERT(listen(listener.fd, backlog) == 0);
     // Whoever came may be gone when it is let in: nobody waits for the next one then.

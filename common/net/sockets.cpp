@@ -85,7 +85,9 @@ const char* cure(int error) {
 
 Error refused(const char* deed, const std::string& endpoint, const zmq::error_t& e) {
     const bool usage = e.num() == EINVAL || e.num() == EPROTONOSUPPORT || e.num() == ENODEV;
-    return {usage ? ErrorCode::invalid_argument : ErrorCode::io,
+    return {usage                   ? ErrorCode::invalid_argument
+            : e.num() == EADDRINUSE ? ErrorCode::in_use
+                                    : ErrorCode::io,
             std::string("cannot ") + deed + " " + endpoint + ": " + e.what() + cure(e.num())};
 }
 

@@ -26,6 +26,13 @@ TEST_CASE("a broker is well while its loop turns and its store takes what it is 
     CHECK(full.reason.find("disk full") != std::string::npos);
 
     CHECK_FALSE(health_of(nullptr, now).is_well);
+
+    // What a new start would not mend.
+    CHECK(liveness_of(&report, now).is_well);
+    CHECK(liveness_of(nullptr, now).is_well);
+    CHECK(liveness_of(&report, now + loop_patience + 1ms) ==
+          health_of(&report, now + loop_patience + 1ms));
+    CHECK_FALSE(liveness_of(&report, now + loop_patience + 1ms).is_well);
 }
 
 TEST_CASE("a reason is JSON whatever it quotes") {

@@ -131,7 +131,7 @@ TEST_CASE("a port that is taken is said to be") {
     const Control control;
     const auto ran = run_broker(broker.context, options, control);
     REQUIRE_FALSE(ran.has_value());
-    CHECK(ran.error().code == ErrorCode::io);
+    CHECK(ran.error().code == ErrorCode::in_use);
     CHECK(ran.error().message.find(broker.endpoint) != std::string::npos);
 }
 

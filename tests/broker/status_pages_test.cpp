@@ -17,7 +17,7 @@ TEST_CASE("pages are answered to GET and HEAD, and the rest is told what there i
         CHECK(pages({method, "/healthz"}).type == "application/json");
         const http::Answer nothing = pages({method, "/pages"});
         CHECK(nothing.status == 404);
-        CHECK(nothing.body->find("there is /healthz /metrics") != std::string::npos);
+        CHECK(nothing.body->find("there is /healthz /livez /metrics") != std::string::npos);
     }
     for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "PATCH"}) {
         CAPTURE(method);

@@ -226,7 +226,7 @@ TEST_CASE("a directory has one broker at a time") {
     {
         const Store store = open_store(directory.path());
         const Error error = refusal(directory.path());
-        CHECK(error.code == ErrorCode::io);
+        CHECK(error.code == ErrorCode::in_use);
         says(error, directory.path().string() + ": another fraja-broker is using it (process " +
                         std::to_string(getpid()) + ")");
     }

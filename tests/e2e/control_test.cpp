@@ -278,6 +278,28 @@ TEST_CASE("a worker leaves by itself when it was idle, or its first work is over
     CHECK(once.err().find("has served enough") != std::string::npos);
 }
 
+TEST_CASE("a worker shows by a file that it does not hang") {
+    const Scratch scratch;
+    Farm farm;
+    const std::string file = scratch.file("alive");
+    Process worker = start_worker(farm, {"--alive", file});
+    INFO(worker.story());
+    for (int i = 0; i < 2; ++i) {
+        while (!fs::exists(file))
+            REQUIRE_FALSE(worker.wait_for_exit(10ms).has_value());
+        const auto old = fs::last_write_time(file) - 1h;
+        fs::last_write_time(file, old);
+        while (fs::last_write_time(file) - old < 30min)
+            REQUIRE_FALSE(worker.wait_for_exit(10ms).has_value());
+    }
+    worker.send(SIGTERM);
+    CHECK(worker.wait_for_exit(patience) == 0);
+    Process none = start_worker(farm, {"--alive", scratch.file("no/such")});
+    CHECK(none.wait_for_exit(patience) == 2);
+    CHECK(none.err().find("--alive " + scratch.file("no/such") + ": no file can be written") !=
+          std::string::npos);
+}
+
 TEST_CASE("a worker that grew beyond its limit asks to be started again, and its tiles go on") {
     const Scratch scratch;
     Farm farm;

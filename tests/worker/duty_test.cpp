@@ -75,3 +75,18 @@ TEST_CASE("a worker that grew beyond its limit is to be started again") {
     CHECK(duty.judge({}, {true, 0}, 1'000) == go_on);
     CHECK(duty.judge({}, {true, 0}, 1'001) == too_large);
 }
+
+TEST_CASE(
+    "a worker has the memory that it allows itself, within what its control groups let it have") {
+    constexpr std::uint64_t mib = 1 << 20;
+    const GroupLimit group{512.0 * mib, "/groups/memory.max"};
+    CHECK(memory_share(0, {}) == MemoryShare{});
+    CHECK(memory_share(64 * mib, {}) == MemoryShare{64 * mib, {}});
+    CHECK(memory_share(0, group) == MemoryShare{512 * mib, {}});
+    CHECK(memory_share(511 * mib, group) == MemoryShare{511 * mib, {}});
+    for (const std::uint64_t own : {512 * mib, 4096 * mib}) {
+        const MemoryShare share = memory_share(own, group);
+        CHECK(share.bytes == 512 * mib);
+        CHECK(share.warning.find("/groups/memory.max lets it have 512 MiB") != std::string::npos);
+    }
+}

@@ -18,6 +18,10 @@ TEST_CASE("session greets at once, with all it has to say, and grants two tiles 
     CHECK(hellos[0].credit == 4);
     CHECK(hellos[0].tags == std::vector<std::string>{"fast", "os=x"});
     CHECK(hellos[0].incarnation == 1);
+    CHECK(hellos[0].memory_bytes == 0);
+    Identity small = test_identity();
+    small.memory_bytes = 1'000;
+    CHECK(sent<WorkerHello>(SessionDriver(small).step(Tick{})).at(0).memory_bytes == 1'000);
 }
 
 TEST_CASE("credit_for stays within the wire's limit") {

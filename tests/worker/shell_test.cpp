@@ -375,7 +375,7 @@ TEST_CASE("a worker that cannot listen says where, and why") {
     Control control;
     const auto outcome = run_worker(context, options, control);
     REQUIRE_FALSE(outcome.has_value());
-    CHECK(outcome.error().code == ErrorCode::io);
+    CHECK(outcome.error().code == ErrorCode::in_use);
     CHECK(outcome.error().message.find(worker.endpoints[0]) != std::string::npos);
 }
 

@@ -5,6 +5,7 @@
 // client in pretend time (tests/sim), with what a scene's parts really cost, counted once. Prints
 // tables in Markdown, and where a farm's time goes. What the broker itself computes takes no time
 // here.
+#include "common/base/allowance.hpp"
 #include "common/render/render.hpp"
 #include "common/scene/raj_reader.hpp"
 #include "tests/sim/scenario.hpp"
@@ -111,7 +112,7 @@ sim::WorkMap count_rays(const std::string& path, const RenderSettings& settings)
     };
     {
         std::vector<std::jthread> crew;
-        for (unsigned i = 1; i < std::thread::hardware_concurrency(); ++i)
+        for (std::uint32_t i = 1, n = usable_processors().usable; i < n; ++i)
             crew.emplace_back(draw);
         draw();
     }

@@ -12,6 +12,7 @@
 //
 // `kept`, of an adaptive run: the share of pixels that were refined, errors in 8-bit levels, and
 // the share of samples that were drawn for tiles beside. --truth: a file for the truth, as floats.
+#include "common/base/allowance.hpp"
 #include "common/image/film.hpp"
 #include "common/image/quantise.hpp"
 #include "common/render/sampling/estimate.hpp"
@@ -153,7 +154,7 @@ Truth truth_of(const CompiledScene& scene, const Options& o) {
     s.spp = std::max(o.truth_spp / 2, 1u);
     const auto half = [&](std::uint32_t seed) {
         s.seed = seed;
-        return draw(with_settings(scene, s), s.size, std::thread::hardware_concurrency()).film;
+        return draw(with_settings(scene, s), s.size, usable_processors().usable).film;
     };
     const Film one = half(1), other = half(2);
     Truth truth{{}, 0.5 * rms(errors_between(one.pixels(), other.pixels()))};

@@ -41,6 +41,25 @@ foreach(component broker worker)
     install(FILES ${units} DESTINATION lib/systemd/system COMPONENT ${component})
 endforeach()
 
+# Several workers of one machine: fraja-worker@NAME, each with a file of its own beside the one for all.
+file(READ tools/systemd/fraja-worker.service unit)
+foreach(change
+        "Description=Fraja worker:|Description=Fraja worker %i:"
+        "EnvironmentFile=-/etc/default/fraja|EnvironmentFile=-/etc/default/fraja\nEnvironmentFile=-/etc/default/fraja-%i"
+        "--color never|--color never --name %H:%i")
+    string(REPLACE "|" ";" change "${change}")
+    list(POP_FRONT change from to)
+    string(FIND "${unit}" "${from}" at)
+    if(at EQUAL -1)
+        message(FATAL_ERROR "tools/systemd/fraja-worker.service has no '${from}', of which fraja-worker@.service is made")
+    endif()
+    string(REPLACE "${from}" "${to}" unit "${unit}")
+endforeach()
+string(PREPEND unit "# One of several workers on this machine, fraja-worker@NAME: what is its own stands in /etc/default/fraja-NAME, such as\n"
+    "# FRAJA_WORKER_OPTIONS='-j 8 --tag node=0'. Which processors it has: systemctl set-property fraja-worker@NAME AllowedCPUs=0-7\n#\n")
+file(CONFIGURE OUTPUT systemd/fraja-worker@.service CONTENT "${unit}" @ONLY)
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/systemd/fraja-worker@.service DESTINATION lib/systemd/system COMPONENT worker)
+
 # As Debian has them for each package; anywhere else they do no harm.
 string(TIMESTAMP date "%a, %d %b %Y %H:%M:%S +0000" UTC)
 find_program(FRAJA_GZIP gzip)

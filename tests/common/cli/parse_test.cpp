@@ -127,6 +127,13 @@ TEST_CASE("help says what an option takes, its bounds and its default, in lines 
     CHECK(paint.find("fraja-test paint") != std::string::npos);
 }
 
+TEST_CASE("what is refused ends with 2, or with 75 where somebody else has it") {
+    CHECK(failure("fraja-test", Error{ErrorCode::io, "no"}) ==
+          EarlyExit{2, "fraja-test: error: no\n"});
+    CHECK(failure("fraja-test", Error{ErrorCode::in_use, "no"}) ==
+          EarlyExit{75, "fraja-test: error: no\n"});
+}
+
 TEST_CASE("words are listed as one says them") {
     CHECK(list_of({}).empty());
     CHECK(list_of({"a"}) == "a");

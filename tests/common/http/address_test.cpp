@@ -28,7 +28,7 @@ TEST_CASE("an address that is taken, or none of this machine's, is refused with 
     CHECK(first->address.port != 0);
     const auto second = listen_at(first->address);
     REQUIRE_FALSE(second);
-    CHECK(second.error().code == ErrorCode::io);
+    CHECK(second.error().code == ErrorCode::in_use);
     CHECK(second.error().message == to_string(first->address) +
                                         ": cannot listen there: Address already in use (with port "
                                         "0 the system chooses one)");

@@ -486,7 +486,7 @@ TEST_CASE("binding a taken or impossible endpoint is an error with its name") {
     REQUIRE(first.has_value());
     const auto second = RouterSocket::bind(context, first->endpoint());
     REQUIRE_FALSE(second.has_value());
-    CHECK(second.error().code == ErrorCode::io);
+    CHECK(second.error().code == ErrorCode::in_use);
     CHECK(second.error().message.find(first->endpoint()) != std::string::npos);
     CHECK_FALSE(PublisherSocket::bind(context, "nonsense", 1'000).has_value());
     CHECK_FALSE(DealerSocket::connect(context, "nonsense").has_value());
