@@ -13,6 +13,7 @@
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
+#include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <array>
@@ -86,12 +87,14 @@ private:
         return outcome;
     }
 
-    /// Each for itself: done where at least one answers.
+    /// Each for itself, and those that they tell of: done where at least one answers.
     Outcome perform(const ListBrokers&) {
         std::vector<AskedBroker> asked;
         Outcome outcome;
         bool any = false;
-        for (const std::string& broker : options_.shared.brokers) {
+        std::vector<std::string> brokers = options_.shared.brokers;
+        for (std::size_t i = 0; i < brokers.size(); ++i) {
+            const std::string broker = brokers[i];
             FarmCatcher catcher;
             SharedOptions alone = options_.shared;
             alone.brokers = {broker};
@@ -100,6 +103,11 @@ private:
                 return answer;
             any = any || answer.code == ExitCode::done;
             outcome = answer;
+            if (catcher.farm)
+                for (const protocol::PeerState& peer : catcher.farm->brokers)
+                    if (!peer.endpoint.empty() && brokers.size() < protocol::brokers_max &&
+                        std::ranges::find(brokers, peer.endpoint) == brokers.end())
+                        brokers.push_back(peer.endpoint);
             asked.push_back({broker, std::move(catcher.farm), answer.reason});
         }
         if (options_.shared.json)

@@ -45,7 +45,8 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
     };
     const CLI::App* jobs = command("jobs", "All jobs");
     const CLI::App* workers = command("workers", "All workers");
-    const CLI::App* brokers = command("brokers", "All brokers that -b names");
+    const CLI::App* brokers =
+        command("brokers", "All brokers that -b names, and those that stand for them");
     const CLI::App* stats = command("stats", "What the farm has done since its broker started");
     const CLI::App* doctor = command("doctor", "Look what is wrong between here and the farm");
     CLI::App* show = command("show", "All about one job");

@@ -6,6 +6,7 @@
 
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
+#include <span>
 
 namespace fraja::client {
 namespace {
@@ -148,6 +149,19 @@ std::string broker_json(const AskedBroker& asked) {
                        {"reason", asked.trouble}});
     Json json = broker_object(asked.farm->broker);
     json["endpoint"] = asked.endpoint;
+    if (!asked.farm->brokers.empty()) {
+        const protocol::PeerState& own = asked.farm->brokers.front();
+        json["leads"] = own.leads;
+        json["synced"] = own.is_synced;
+        Json peers = Json::array();
+        for (const protocol::PeerState& peer : std::span(asked.farm->brokers).subspan(1))
+            peers.push_back({{"endpoint", peer.endpoint},
+                             {"version", peer.program_version},
+                             {"here", peer.is_here},
+                             {"synced", peer.is_synced},
+                             {"leads", peer.leads}});
+        json["peers"] = std::move(peers);
+    }
     return dumped(json);
 }
 

@@ -102,6 +102,25 @@ std::string workers_table(const std::vector<protocol::WorkerState>& workers) {
     return table_of(rows, "<>>>>><<");
 }
 
+namespace {
+
+/// Of one that answers.
+std::string state_of(const protocol::FarmState& farm) {
+    if (!farm.broker.trouble.empty())
+        return farm.broker.trouble;
+    if (farm.brokers.empty()) // it stands alone
+        return "well";
+    const protocol::PeerState& own = farm.brokers.front();
+    const auto missing = static_cast<std::size_t>(
+        std::ranges::count(farm.brokers, false, &protocol::PeerState::is_here));
+    return std::string(own.leads       ? "leads"
+                       : own.is_synced ? "stands by"
+                                       : "fetches what the others have") +
+           (missing > 0 ? ", misses " + counted(missing, "other broker") : "");
+}
+
+} // namespace
+
 std::string brokers_table(const std::vector<AskedBroker>& brokers) {
     std::vector<Row> rows = {
         {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
@@ -111,9 +130,7 @@ std::string brokers_table(const std::vector<AskedBroker>& brokers) {
             continue;
         }
         const protocol::BrokerState& b = farm->broker;
-        const std::string state = !trouble.empty()     ? trouble
-                                  : !b.trouble.empty() ? b.trouble
-                                                       : "well";
+        const std::string state = !trouble.empty() ? trouble : state_of(*farm);
         rows.push_back({shortened(endpoint, 60), printable(state), printable(b.program_version),
                         format_duration(b.uptime), std::to_string(b.workers),
                         std::to_string(b.threads), std::to_string(b.clients),

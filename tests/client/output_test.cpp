@@ -212,6 +212,28 @@ TEST_CASE("why a broker does not answer is told whole, and widens no column") {
     CHECK(table.find("tcp://b:1          well   0.1.0 ") != std::string::npos);
 }
 
+TEST_CASE("of several brokers it is told who leads, who stands by, and who is missed") {
+    const protocol::PeerState own{.broker = {}, .endpoint = "tcp://a:1", .program_version = "1"};
+    struct Row {
+        bool leads, is_synced, other_is_here;
+        const char* state;
+    };
+    for (const Row& row : {Row{true, true, true, "leads "}, Row{false, true, true, "stands by "},
+                           Row{false, false, true, "fetches what the others have "},
+                           Row{true, true, false, "leads, misses 1 other broker "}}) {
+        CAPTURE(row.state);
+        protocol::FarmState farm;
+        farm.brokers = {own, own};
+        farm.brokers[0].is_here = true;
+        farm.brokers[0].leads = row.leads;
+        farm.brokers[0].is_synced = row.is_synced;
+        farm.brokers[1].is_here = row.other_is_here;
+        CHECK(brokers_table({{"tcp://a:1", farm, ""}}).find(row.state) != std::string::npos);
+        CHECK(broker_json({"tcp://a:1", farm, ""})
+                  .find(row.leads ? "\"leads\":true" : "\"leads\":false") != std::string::npos);
+    }
+}
+
 TEST_CASE("a tile's line has its place, size, worker, time and rays") {
     CHECK(tile_line(tile()) ==
           "     128,64  2x1        ada                   0.250 s          10 rays");
