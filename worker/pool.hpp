@@ -9,9 +9,6 @@
 
 namespace fraja::worker {
 
-/// Which of a process's sessions asks; their tickets and scenes are kept apart.
-enum class SessionIndex : std::uint32_t {};
-
 /// What a pool has done, as the event for the session that asked.
 struct PoolResult {
     SessionIndex session{};

@@ -34,6 +34,11 @@ void Session::step(Instant now, const Event& event, std::vector<Action>& actions
         return;
     Turn turn{now, actions};
     std::visit([&](const auto& e) { on(turn, e); }, event);
+    settle(turn);
+}
+
+/// What follows of anything.
+void Session::settle(Turn& turn) {
     tidy_shelf(turn);
     admit_waiting(turn);
     leave_when_done(turn);
@@ -44,6 +49,8 @@ Instant Session::next_deadline() const {
         return Instant::never();
     if (state_ == State::greeting)
         return next_hello_;
+    if (state_ == State::stranded)
+        return Instant::never();
     Instant deadline = std::min({next_beat_, silence_deadline(), leave_by_});
     for (const auto& [hash, scene] : shelf_.scenes())
         if (scene.stage == Stage::fetching)
@@ -71,17 +78,19 @@ void Session::on(Turn& turn, const Undecodable& event) {
 }
 
 void Session::on_message(Turn& turn, const protocol::Welcome& message) {
-    if (std::exchange(broker_, message.broker) != message.broker)
+    const bool is_another = std::exchange(broker_, message.broker) != message.broker;
+    if (is_another)
         last_attempt_.reset();
-    term_ = std::max(term_, message.term);
+    // One that stands alone may begin with a lower term than the one before it.
+    term_ = is_another && allies_.empty() ? message.term : std::max(term_, message.term);
     if (state_ == State::open) {
         // It has come twice, or a hello has. Of which session the broker is now is not known.
         turn.log(LogLevel::debug, "greeting_anew", "a Welcome without a hello: greeting anew");
         begin_greeting(turn);
         return;
     }
-    if (state_ == State::draining)
-        return; // and leaves
+    if (is_leaving())
+        return;
     if (message.incarnation != incarnation_ || unanswered_hellos_ == 0) {
         // It answers an earlier hello: the session that it opens ends when the broker hears the
         // last one, or the next.
@@ -137,6 +146,13 @@ void Session::on_message(Turn& turn, const protocol::Dismissed& message) {
     finish(turn, FinishReason::dismissed);
 }
 
+void Session::on_message(Turn& turn, const protocol::Brokers& message) {
+    if (!is_connected())
+        return;
+    term_ = std::max(term_, message.term);
+    beat(turn);
+}
+
 void Session::on_message(Turn&, const protocol::Beat&) {
     if (unanswered_beats_ > 0)
         --unanswered_beats_;
@@ -158,16 +174,20 @@ void Session::on(Turn& turn, const CallerGone&) {
 }
 
 void Session::on(Turn& turn, const Tick& event) {
-    for (const TileProgress& progress : event.progress)
-        if (const auto at = tiles_.find(progress.ticket); at != tiles_.end())
-            at->second.rays = progress.rays;
+    note_progress(event.progress);
     keep_time(turn);
+}
+
+void Session::note_progress(const std::vector<TileProgress>& progress) {
+    for (const auto& [ticket, rays] : progress)
+        if (const auto at = tiles_.find(ticket); at != tiles_.end())
+            at->second.rays = rays;
 }
 
 // ---------------------------------------------------------------------------- what the owner says
 
 void Session::on(Turn& turn, const Drain&) {
-    if (state_ != State::draining)
+    if (!is_leaving())
         begin_draining(turn, FinishReason::drained);
 }
 
@@ -183,7 +203,10 @@ void Session::on(Turn& turn, const StopNow&) {
 void Session::begin_draining(Turn& turn, FinishReason reason) {
     leave_reason_ = reason;
     if (state_ == State::greeting) {
-        finish(turn, reason);
+        if (tiles_.empty())
+            finish(turn, reason);
+        else
+            state_ = State::stranded;
     } else if (state_ == State::open) {
         state_ = State::draining;
         const bool finishes = reason == FinishReason::drained && !tiles_.empty();
@@ -197,13 +220,59 @@ void Session::begin_draining(Turn& turn, FinishReason reason) {
 /// A connection that ends while the broker answers a beat looks like a crash to it. So the last
 /// word waits until every beat is answered; then it has heard all that was said before, too.
 void Session::leave_when_done(Turn& turn) {
-    if (state_ != State::draining || !tiles_.empty())
+    if (state_ == State::stranded && tiles_.empty())
+        return finish(turn, leave_reason_);
+    if (state_ != State::draining || tiles_in_hand() > 0)
         return;
     leave_by_ = std::min(leave_by_, turn.now + limits_.farewell_max);
     if (unanswered_beats_ > 0 && turn.now < leave_by_)
         return;
     turn.send(protocol::Goodbye{});
     finish(turn, leave_reason_);
+}
+
+// --------------------------------------------------------------------------------- what allies say
+
+void Session::look_again(Instant now, std::vector<Action>& actions) {
+    if (state_ == State::over || (state_ == State::open && allies_.empty()))
+        return;
+    Turn turn{now, actions};
+    if (!is_connected() && !has_connected_ally())
+        drop_tiles(turn);
+    settle(turn);
+}
+
+void Session::prepare_to_leave(Instant now, FinishReason reason, std::vector<Action>& actions) {
+    Turn turn{now, actions};
+    if (state_ != State::over)
+        begin_draining(turn, reason);
+}
+
+void Session::greet_anew(Instant now, std::vector<Action>& actions) {
+    Turn turn{now, actions};
+    if (!is_connected())
+        return;
+    turn.log(LogLevel::debug, "greeting_anew", "greeting anew");
+    begin_greeting(turn);
+}
+
+void Session::close(Instant now, std::vector<Action>& actions) {
+    Turn turn{now, actions};
+    if (is_connected())
+        turn.send(protocol::Goodbye{});
+    drop_tiles(turn);
+    state_ = State::over;
+}
+
+bool Session::has_connected_ally() const {
+    return std::ranges::any_of(allies_, [](const Session* ally) { return ally->is_connected(); });
+}
+
+protocol::Term Session::greatest_term() const {
+    protocol::Term greatest = term_;
+    for (const Session* ally : allies_)
+        greatest = std::max(greatest, ally->term_);
+    return greatest;
 }
 
 // ------------------------------------------------------------------------------------------- time
@@ -255,11 +324,10 @@ void Session::beat(Turn& turn) {
     protocol::WorkerBeat message{.credit = state_ == State::draining ? 0 : credit(),
                                  .in_flight = {},
                                  .tiles_received = tiles_received_,
-                                 .term = term_};
-    for (const auto& [ticket, tile] : tiles_)
-        message.in_flight.push_back({tile.order.job, tile.order.tile, tile.order.attempt, tile.rays,
-                                     tile.order.pass,
-                                     tile.order.probe_side > 0 ? PixelRect{} : tile.order.rect});
+                                 .term = greatest_term()};
+    list_tiles(message.in_flight);
+    for (const Session* ally : allies_)
+        ally->list_tiles(message.in_flight);
     turn.send(std::move(message));
     ++unanswered_beats_;
     next_beat_ = turn.now + heartbeat_;
@@ -272,11 +340,14 @@ void Session::hang_up(Turn& turn, bool for_good) {
     turn.actions.emplace_back(HangUp{for_good});
 }
 
-/// The session is gone. A worker that is leaving has nobody left to answer.
+/// The session is gone. A worker that is leaving has nobody left to answer, but allies' brokers.
 void Session::begin_greeting(Turn& turn) {
-    drop_tiles(turn);
-    if (state_ == State::draining) {
-        finish(turn, leave_reason_);
+    drop_what_no_ally_wants(turn);
+    if (is_leaving()) {
+        if (tiles_.empty())
+            finish(turn, leave_reason_);
+        else
+            state_ = State::stranded;
         return;
     }
     state_ = State::greeting;
@@ -286,11 +357,19 @@ void Session::begin_greeting(Turn& turn) {
 }
 
 void Session::finish(Turn& turn, FinishReason reason) {
-    drop_tiles(turn);
+    if (reason == FinishReason::version_mismatch)
+        drop_what_no_ally_wants(turn);
+    else
+        drop_tiles(turn);
     const bool broker_s_wish =
         reason == FinishReason::version_mismatch || reason == FinishReason::dismissed;
     if (identity_.is_called && broker_s_wish && state_ != State::draining)
         return hang_up(turn, true);
+    if (!tiles_.empty()) {
+        leave_reason_ = reason;
+        state_ = State::stranded;
+        return;
+    }
     state_ = State::over;
     turn.actions.emplace_back(Finished{reason});
 }

@@ -16,6 +16,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -52,6 +53,9 @@ struct Limits {
 
 /// Tiles a worker of so many threads takes in flight.
 [[nodiscard]] std::uint32_t credit_for(std::uint32_t threads, const Limits& limits);
+
+/// Which of a process's sessions: their tickets and scenes are kept apart.
+enum class SessionIndex : std::uint32_t {};
 
 /// Names a tile between a session and the render threads. Never used twice.
 enum class Ticket : std::uint64_t {};
@@ -165,10 +169,52 @@ public:
     /// When a Tick is due; it may be at once. The zero instant before the first step.
     [[nodiscard]] Instant next_deadline() const;
 
+    // Of a worker that serves several brokers; a session that is alone needs none of these. Its
+    // allies are the worker's sessions with brokers that stand for this one's. A Crew has them
+    // meet.
+
+    /// From now on these are its allies; they must be there until others are named.
+    void set_allies(std::vector<const Session*> allies) { allies_ = std::move(allies); }
+    /// The sessions of one worker count their tickets together.
+    void share_tickets(std::uint64_t& last_ticket) { shared_tickets_ = &last_ticket; }
+    /// Its hellos come after those of an earlier session with the same broker. Before the first
+    /// step.
+    void begin_after(std::uint64_t incarnation) { incarnation_ = incarnation; }
+    /// Of the last hello.
+    [[nodiscard]] std::uint64_t incarnation() const { return incarnation_; }
+    /// So far are the running tiles.
+    void note_progress(const std::vector<TileProgress>& progress);
+    /// To be called when an ally's state or tiles may have changed.
+    void look_again(Instant now, std::vector<Action>& actions);
+    /// An ally's broker takes back a tile. False: it is not here.
+    bool cancel(Instant now, const protocol::CancelTile& tile, std::vector<Action>& actions);
+    /// Says that it takes nothing more, which allies must have said before any hands back a tile.
+    void prepare_to_leave(Instant now, FinishReason reason, std::vector<Action>& actions);
+    /// The broker has taken another session of this worker for a newer one.
+    void greet_anew(Instant now, std::vector<Action>& actions);
+    /// Says Goodbye, drops what is here, and is over; there is no Finished.
+    void close(Instant now, std::vector<Action>& actions);
+    /// Answers that its allies' brokers wait for as well; each is taken once.
+    [[nodiscard]] std::vector<protocol::Message> take_answers_for_allies() {
+        return std::exchange(answers_for_allies_, {});
+    }
+
+    [[nodiscard]] bool is_connected() const {
+        return state_ == State::open || state_ == State::draining;
+    }
+    [[nodiscard]] bool is_over() const { return state_ == State::over; }
+    [[nodiscard]] bool is_leaving() const {
+        return state_ == State::draining || state_ == State::stranded;
+    }
+    [[nodiscard]] std::size_t tile_count() const { return tiles_.size(); }
+    /// On the shelf, at that stage.
+    [[nodiscard]] std::vector<ContentHash> scenes_at(SceneOnShelf::Stage stage) const;
+
 private:
     /// greeting: no session, a hello is or will be under way. open. draining: open, but takes
-    /// nothing more, and ends when nothing is left. over: finished.
-    enum class State : std::uint8_t { greeting, open, draining, over };
+    /// nothing more, and ends when nothing is left. stranded: draining without its broker, as an
+    /// ally waits for its tiles. over: finished.
+    enum class State : std::uint8_t { greeting, open, draining, stranded, over };
 
     struct Tile {
         protocol::RenderTile order;
@@ -202,6 +248,7 @@ private:
     void on_message(Turn& turn, const protocol::Welcome& message);
     void on_message(Turn& turn, const protocol::Refused& message);
     void on_message(Turn& turn, const protocol::Dismissed& message);
+    void on_message(Turn& turn, const protocol::Brokers& message);
     void on_message(Turn& turn, const protocol::Beat& message);
     void on_message(Turn& turn, const protocol::Chunk& message);
     void on_message(Turn& turn, const protocol::RenderTile& message);
@@ -217,6 +264,7 @@ private:
     void begin_draining(Turn& turn, FinishReason reason);
     void leave_when_done(Turn& turn);
     void finish(Turn& turn, FinishReason reason);
+    void settle(Turn& turn);
 
     void ask_chunk(Turn& turn, const ContentHash& hash, SceneOnShelf& scene);
     void ask_overdue_chunks(Turn& turn);
@@ -225,9 +273,19 @@ private:
     void admit_waiting(Turn& turn);
 
     [[nodiscard]] Tiles::iterator find_tile(JobId job, TileIndex tile, AttemptNumber attempt);
+    /// What an ally has been given under the same name; null: nothing.
+    [[nodiscard]] const protocol::RenderTile*
+    find_at_allies(const protocol::RenderTile& order) const;
+    [[nodiscard]] Ticket next_ticket() {
+        return Ticket{shared_tickets_ ? ++*shared_tickets_ : ++own_tickets_};
+    }
     void start_tile(Turn& turn, Ticket ticket, Tile& tile);
     Tiles::iterator forget_tile(Turn& turn, Tiles::iterator at);
     void drop_tiles(Turn& turn);
+    void drop_what_no_ally_wants(Turn& turn);
+    void cancel(Turn& turn, Tiles::iterator at);
+    void answer(Turn& turn, const protocol::RenderTile& order, protocol::Message message);
+    void list_tiles(std::vector<protocol::TileInFlight>& list) const;
     void fail_tile(Turn& turn, Tiles::iterator at, protocol::FailureCode code,
                    const std::string& reason);
     void fail_tiles_of(Turn& turn, const ContentHash& scene, protocol::FailureCode code,
@@ -235,9 +293,10 @@ private:
     static void note_oddity(Turn& turn, const std::string& what);
 
     [[nodiscard]] std::uint32_t credit() const { return credit_for(identity_.threads, limits_); }
-    [[nodiscard]] bool is_connected() const {
-        return state_ == State::open || state_ == State::draining;
-    }
+    [[nodiscard]] bool has_connected_ally() const;
+    /// Of its allies and itself.
+    [[nodiscard]] std::size_t tiles_in_hand() const;
+    [[nodiscard]] protocol::Term greatest_term() const;
     [[nodiscard]] Instant silence_deadline() const { return heard_ + heartbeat_ * liveness_; }
     [[nodiscard]] Instant chunk_deadline(const SceneOnShelf& scene) const {
         return scene.asked + heartbeat_ * limits_.chunk_patience_beats;
@@ -251,7 +310,7 @@ private:
     std::uint64_t incarnation_ = 0;             // of the last hello
     BrokerId broker_;                           // that spoke last
     std::optional<AttemptNumber> last_attempt_; // of its RenderTiles
-    protocol::Term term_;                       // the greatest heard of
+    protocol::Term term_;                       // the greatest heard of here
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
     std::uint32_t unanswered_hellos_ = 0;
@@ -265,8 +324,12 @@ private:
     FinishReason leave_reason_ = FinishReason::drained; // while draining
     Instant leave_by_ = Instant::never();               // draining, with no tile left
 
-    std::uint64_t tickets_ = 0;
-    std::uint64_t tiles_received_ = 0; // in this session
+    std::vector<const Session*> allies_;
+    std::vector<protocol::Message> answers_for_allies_;
+
+    std::uint64_t own_tickets_ = 0;
+    std::uint64_t* shared_tickets_ = nullptr; // in place of its own
+    std::uint64_t tiles_received_ = 0;        // in this session
     Tiles tiles_;
     std::size_t waiting_count_ = 0; ///< of these, for room on the shelf
     SceneShelf shelf_;

@@ -29,6 +29,11 @@ std::string name_of(const protocol::RenderTile& order) {
            to_string(order.job).substr(0, 8);
 }
 
+/// As answers and beats tell it.
+PixelRect rect_told(const protocol::RenderTile& order) {
+    return order.probe_side > 0 ? PixelRect{} : order.rect;
+}
+
 FailureCode failure_of(ErrorCode code) {
     switch (code) {
     case ErrorCode::invalid_scene:
@@ -129,9 +134,24 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         turn.send(protocol::TileFailed{message.job, message.tile, message.attempt, code,
                                        sendable(reason)});
     };
+    if (!allies_.empty() && message.term < greatest_term()) {
+        // Counted, and named by no beat: so its broker has it back, and hears who leads now.
+        turn.log(LogLevel::debug, "tile_of_old_term",
+                 name_of(message) + " is of a broker that leads no more");
+        return beat(turn);
+    }
+    term_ = std::max(term_, message.term);
     if (state_ == State::draining)
         return refuse(FailureCode::cancelled, "this worker is leaving");
-    if (tiles_.size() >= credit()) {
+    if (const protocol::RenderTile* known = find_at_allies(message)) {
+        if (known->pass == message.pass && known->rect == message.rect && known->probe_side == 0 &&
+            message.probe_side == 0)
+            return; // its answer goes to all
+        note_oddity(turn, name_of(message) + " bears another tile's name");
+        return refuse(FailureCode::machine, "another tile of this name is at hand");
+    }
+    // While one broker takes over from another, both may have filled the credit.
+    if (tiles_in_hand() >= (allies_.empty() ? 1 : 2) * std::size_t{credit()}) {
         note_oddity(turn, name_of(message) + " is beyond the credit");
         return refuse(FailureCode::machine, "beyond this worker's credit");
     }
@@ -140,7 +160,7 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         return refuse(FailureCode::machine, valid.error().message);
     }
     ++waiting_count_;
-    admit(turn, tiles_.emplace(Ticket{++tickets_}, Tile{.order = message}).first);
+    admit(turn, tiles_.emplace(next_ticket(), Tile{.order = message}).first);
 }
 
 /// Starts it, or has its scene fetched. Scenes that nobody needs any more may still be compiled:
@@ -178,8 +198,21 @@ void Session::admit_waiting(Turn& turn) {
 
 void Session::on_message(Turn& turn, const protocol::CancelTile& message) {
     const auto at = find_tile(message.job, message.tile, message.attempt);
+    if (is_connected() && at != tiles_.end()) // or it was answered before this came
+        cancel(turn, at);
+}
+
+bool Session::cancel(Instant now, const protocol::CancelTile& tile, std::vector<Action>& actions) {
+    const auto at = find_tile(tile.job, tile.tile, tile.attempt);
     if (at == tiles_.end())
-        return; // it was answered before this came
+        return false;
+    Turn turn{now, actions};
+    cancel(turn, at);
+    settle(turn);
+    return true;
+}
+
+void Session::cancel(Turn& turn, Tiles::iterator at) {
     turn.log(LogLevel::debug, "tile_cancelled",
              name_of(at->second.order) + ": cancelled by the broker");
     fail_tile(turn, at, FailureCode::cancelled, "cancelled by the broker");
@@ -220,9 +253,9 @@ void Session::on(Turn& turn, const TileFinished& event) {
     const protocol::RenderTile& order = at->second.order;
     turn.log(LogLevel::debug, "tile_done",
              name_of(order) + ": done in " + std::to_string(seconds(event.elapsed)) + " s");
-    turn.send(protocol::TileRendered{order.job, order.tile, order.attempt, event.rays,
-                                     event.elapsed, order.pass,
-                                     order.probe_side > 0 ? PixelRect{} : order.rect, event.blobs});
+    answer(turn, order,
+           protocol::TileRendered{order.job, order.tile, order.attempt, event.rays, event.elapsed,
+                                  order.pass, rect_told(order), event.blobs});
     at->second.started = false; // nothing is left to stop
     forget_tile(turn, at);
 }
@@ -264,6 +297,14 @@ void Session::ask_overdue_chunks(Turn& turn) {
                           " times");
 }
 
+std::vector<ContentHash> Session::scenes_at(Stage stage) const {
+    std::vector<ContentHash> hashes;
+    for (const auto& [hash, scene] : shelf_.scenes())
+        if (scene.stage == stage)
+            hashes.push_back(hash);
+    return hashes;
+}
+
 void Session::tidy_shelf(Turn& turn) {
     for (const ContentHash& hash : shelf_.take_surplus())
         turn.actions.emplace_back(ForgetScene{hash});
@@ -276,6 +317,15 @@ Session::Tiles::iterator Session::find_tile(JobId job, TileIndex tile, AttemptNu
         const protocol::RenderTile& order = entry.second.order;
         return order.tile == tile && order.attempt == attempt && order.job == job;
     });
+}
+
+const protocol::RenderTile* Session::find_at_allies(const protocol::RenderTile& order) const {
+    for (const Session* ally : allies_)
+        for (const auto& [ticket, tile] : ally->tiles_)
+            if (tile.order.tile == order.tile && tile.order.attempt == order.attempt &&
+                tile.order.job == order.job)
+                return &tile.order;
+    return nullptr;
 }
 
 void Session::start_tile(Turn& turn, Ticket ticket, Tile& tile) {
@@ -301,11 +351,46 @@ void Session::drop_tiles(Turn& turn) {
         at = forget_tile(turn, at);
 }
 
+/// Its own broker is lost. For others a tile goes on whose scene is here; they do not want a probe.
+void Session::drop_what_no_ally_wants(Turn& turn) {
+    if (!has_connected_ally())
+        return drop_tiles(turn);
+    for (auto at = tiles_.begin(); at != tiles_.end();) {
+        const Tile& tile = at->second;
+        const SceneOnShelf* scene = tile.holds_scene ? shelf_.find(tile.order.scene) : nullptr;
+        const bool is_wanted =
+            tile.order.probe_side == 0 && scene != nullptr && scene->stage != Stage::fetching;
+        at = is_wanted ? std::next(at) : forget_tile(turn, at);
+    }
+}
+
 void Session::fail_tile(Turn& turn, Tiles::iterator at, FailureCode code,
                         const std::string& reason) {
     const protocol::RenderTile& order = at->second.order;
-    turn.send(protocol::TileFailed{order.job, order.tile, order.attempt, code, sendable(reason)});
+    answer(turn, order,
+           protocol::TileFailed{order.job, order.tile, order.attempt, code, sendable(reason)});
     forget_tile(turn, at);
+}
+
+/// To the broker that gave it and, but for a probe, to those that stand for it.
+void Session::answer(Turn& turn, const protocol::RenderTile& order, protocol::Message message) {
+    if (order.probe_side == 0 && !allies_.empty())
+        answers_for_allies_.push_back(message);
+    if (is_connected())
+        turn.send(std::move(message));
+}
+
+void Session::list_tiles(std::vector<protocol::TileInFlight>& list) const {
+    for (const auto& [ticket, tile] : tiles_)
+        list.push_back({tile.order.job, tile.order.tile, tile.order.attempt, tile.rays,
+                        tile.order.pass, rect_told(tile.order)});
+}
+
+std::size_t Session::tiles_in_hand() const {
+    std::size_t count = tiles_.size();
+    for (const Session* ally : allies_)
+        count += ally->tiles_.size();
+    return count;
 }
 
 /// Every tile that waits for the scene fails. Unless the scene is kept as refused, it is forgotten,
