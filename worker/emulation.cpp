@@ -101,8 +101,8 @@ void EmulatedPool::perform(SessionIndex session, const StartTile& action) {
 }
 
 void EmulatedPool::perform(SessionIndex session, const StopTile& action) {
-    if (running_.erase({session, action.ticket}) > 0) {
-        timetable_.stop(options_.clock(), session, action.ticket);
+    if (running_.erase({worker_of(session), action.ticket}) > 0) {
+        timetable_.stop(options_.clock(), worker_of(session), action.ticket);
         return;
     }
     const auto is_it = [&](const Tile& tile) {
@@ -131,10 +131,11 @@ EmulatedPool::Answer EmulatedPool::answer(const UnitPicture& units, const PixelR
 }
 
 void EmulatedPool::start(const PicturePtr& picture, const Tile& tile) {
-    timetable_.start(options_.clock(), tile.session, tile.ticket,
+    const SessionIndex worker = worker_of(tile.session);
+    timetable_.start(options_.clock(), worker, tile.ticket,
                      answer(picture->units, tile.rect, tile.probe_side).rays.total());
-    running_.emplace(std::pair(tile.session, tile.ticket),
-                     Running{picture, tile.rect, tile.probe_side});
+    running_.emplace(std::pair(worker, tile.ticket),
+                     Running{tile.session, picture, tile.rect, tile.probe_side});
 }
 
 std::vector<PoolResult> EmulatedPool::take_results() {
@@ -143,12 +144,11 @@ std::vector<PoolResult> EmulatedPool::take_results() {
     ask_for_units();
     for (const Timetable::Done& done : timetable_.take_done(options_.clock()))
         if (auto tile = running_.extract({done.worker, done.ticket})) {
-            const auto& [picture, rect, probe_side] = tile.mapped();
+            const auto& [session, picture, rect, probe_side] = tile.mapped();
             Answer a = answer(picture->units, rect, probe_side);
             if (probe_side == 0)
                 a.blobs = picture->units.blobs(rect);
-            finish(done.worker,
-                   TileFinished{done.ticket, a.rays, done.elapsed, std::move(a.blobs)});
+            finish(session, TileFinished{done.ticket, a.rays, done.elapsed, std::move(a.blobs)});
         }
     return std::exchange(results_, {});
 }
@@ -162,7 +162,7 @@ bool EmulatedPool::is_idle() const {
 }
 
 std::vector<TileProgress> EmulatedPool::progress(SessionIndex session) const {
-    std::vector<TileProgress> progress = timetable_.progress(options_.clock(), session);
+    std::vector<TileProgress> progress = timetable_.progress(options_.clock(), worker_of(session));
     // Of no more tiles than there are threads: the broker lets those wait that have never moved.
     for (const PicturePtr& picture : pictures_)
         for (const Tile& tile : picture->waiting)

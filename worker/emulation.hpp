@@ -27,9 +27,9 @@ struct EmulationLimits {
     std::size_t units_at_once = 1024;                          ///< handed to the render threads
 };
 
-/// Each session is a worker of its own; they share what is drawn. At the first tile of a picture
-/// (and of each pass, and of settings) render threads draw all of it, unit by unit; the tiles wait,
-/// and their time begins when it is there. From then on only time passes.
+/// Each session, or so many in a row, is a worker of its own; they share what is drawn. At the
+/// first tile of a picture (and of each pass, and of settings) render threads draw all of it, unit
+/// by unit; the tiles wait, and their time begins when it is there. From then on only time passes.
 ///
 /// A tile costs what its units cost: squares of 8 pixels, or single pixels where a tile does not
 /// keep to such a grid. Adaptive pictures and passes have units of 32, and where a tile ends
@@ -37,10 +37,12 @@ struct EmulationLimits {
 class EmulatedPool final : public Pool {
 public:
     struct Options {
-        std::vector<double> speeds; ///< of each session: rays per second and thread
-        std::uint32_t threads = 1;  ///< of each session
+        std::vector<double> speeds; ///< of each worker: rays per second and thread
+        std::uint32_t threads = 1;  ///< of each worker
         std::uint32_t render_threads = 1;
         std::size_t queue_max = 0; ///< as of RenderPool, of all sessions together
+        /// Session i is of worker i / sessions_per_worker; these never use a ticket twice.
+        std::uint32_t sessions_per_worker = 1;
         EmulationLimits limits = {};
         std::function<Instant()> clock = net::now;
     };
@@ -89,6 +91,7 @@ private:
         std::uint64_t index = 0;
     };
     struct Running {
+        SessionIndex session{};
         PicturePtr picture;
         PixelRect rect;
         std::uint32_t probe_side = 0;
@@ -103,6 +106,10 @@ private:
     [[nodiscard]] Result<void> make_room(std::uint64_t bytes);
     [[nodiscard]] static Answer answer(const UnitPicture& units, const PixelRect& rect,
                                        std::uint32_t probe_side);
+    /// In the timetable.
+    [[nodiscard]] SessionIndex worker_of(SessionIndex session) const {
+        return SessionIndex{static_cast<std::uint32_t>(session) / options_.sessions_per_worker};
+    }
     void start(const PicturePtr& picture, const Tile& tile);
     void ask_for_units();
     void abandon(const PicturePtr& picture);
@@ -123,7 +130,7 @@ private:
     std::deque<PicturePtr> being_drawn_; // with units that have not been asked for yet
     std::map<Ticket, Unit> units_;       // asked of the painter
     std::uint64_t unit_tickets_ = 0;
-    std::map<std::pair<SessionIndex, Ticket>, Running> running_; // in the timetable
+    std::map<std::pair<SessionIndex, Ticket>, Running> running_; // of workers in the timetable
     std::vector<PoolResult> results_;
     RenderPool painter_;
 };

@@ -1,4 +1,4 @@
-// The worker's shell: sockets, threads and the clock around its sessions.
+// The worker's shell: sockets, threads and the clock around its crew of sessions.
 #pragma once
 
 #include "common/base/result.hpp"
@@ -35,9 +35,9 @@ private:
     net::Waker waker_;
 };
 
-/// Serves every broker of the options, one session each over the same render threads (or one broker
-/// with a session for each emulated worker), until
-/// `control` says otherwise or all of them speak another protocol version. A lost broker is greeted
+/// Serves every broker of the options and those that these tell of, one session each over the same
+/// render threads, or as many workers as are emulated, each with sessions of its own, until
+/// `control` says otherwise or all brokers speak another protocol version. A lost broker is greeted
 /// again for ever. Or listens, and serves whoever calls. Blocks, and knows no signals.
 ///
 /// The value is why the last session ended. Errors, before anything has been sent:

@@ -33,11 +33,13 @@ std::vector<PoolResult> wait_for_results(Pool& pool, const net::Waker& waker) {
 
 /// Two workers of 1000 rays a second, whose time the test makes.
 struct Emulated {
-    explicit Emulated(std::uint32_t threads = 1, EmulationLimits limits = {})
+    explicit Emulated(std::uint32_t threads = 1, EmulationLimits limits = {},
+                      std::uint32_t sessions_per_worker = 1)
         : pool({.speeds = {1000, 1000},
                 .threads = threads,
                 .render_threads = 2,
                 .queue_max = 16,
+                .sessions_per_worker = sessions_per_worker,
                 .limits = limits,
                 .clock = [this] { return now; }},
                waker) {}
@@ -253,4 +255,28 @@ TEST_CASE(
     REQUIRE(failed.size() == 2);
     CHECK(std::holds_alternative<SceneFailed>(failed[0].event));
     CHECK(std::holds_alternative<SceneFailed>(failed[1].event));
+}
+
+TEST_CASE("the sessions of one emulated worker share its threads") {
+    Emulated bench(1, {}, 2);
+    constexpr SessionIndex another{2}; // of the second worker
+    const Bytes text = scene_text("cone.raj");
+    ContentHash hash;
+    for (const SessionIndex session : {one, two, another})
+        hash = bench.compile(session, text);
+    const PixelRect rect{0, 0, 64, 48};
+    bench.pool.perform(one, tile_of(Ticket{1}, hash, rect));
+    bench.pool.perform(two, tile_of(Ticket{2}, hash, rect));
+    bench.pool.perform(another, tile_of(Ticket{1}, hash, rect));
+    bench.wait_for_picture();
+    bench.now = bench.pool.next_deadline();
+    std::vector<PoolResult> first = bench.pool.take_results();
+    REQUIRE(first.size() == 2); // at one time, as they are of two workers
+    std::ranges::sort(first, {}, &PoolResult::session);
+    CHECK(first[0].session == one);
+    CHECK(first[1].session == another);
+    const Duration time = std::get<TileFinished>(first[0].event).elapsed;
+    CHECK(bench.pool.next_deadline() == bench.now + time); // the second began when the first ended
+    bench.pool.perform(two, StopTile{Ticket{2}});
+    CHECK(bench.pool.next_deadline() == Instant::never());
 }

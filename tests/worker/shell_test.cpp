@@ -8,8 +8,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
 #include <doctest/doctest.h>
 #include <future>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <string>
@@ -32,6 +35,7 @@ public:
 
     [[nodiscard]] std::string endpoint() const { return socket_.endpoint(); }
     void call(const std::string& worker) { REQUIRE(socket_.call(worker).has_value()); }
+    [[nodiscard]] const net::PeerId& last_peer() const { return peer_; }
     /// Whether a worker has spoken so far.
     bool heard_anything() { return socket_.receive().has_value(); }
 
@@ -94,7 +98,7 @@ public:
                    .name = "hosted",
                    .tags = {},
                    .emulated = std::move(emulated),
-                   .on_log = {}},
+                   .on_log = [this](const LogLine& line) { note(line); }},
           thread_([&] { outcome_ = run_worker(context, options_, control); }) {}
     ~HostedWorker() { control.stop_now(); }
 
@@ -103,9 +107,27 @@ public:
         REQUIRE(outcome_->has_value());
         return **outcome_;
     }
+    /// Waits until a line of its log has that in it, for a minute at most.
+    void expect_line(const std::string& text) {
+        std::unique_lock lock(mutex_);
+        CAPTURE(text);
+        REQUIRE(noted_.wait_for(lock, 60s, [&] {
+            return std::ranges::any_of(
+                lines_, [&](const std::string& l) { return l.find(text) != std::string::npos; });
+        }));
+    }
     Control control;
 
 private:
+    void note(const LogLine& line) {
+        const std::lock_guard lock(mutex_);
+        lines_.push_back(line.text);
+        noted_.notify_all();
+    }
+
+    std::mutex mutex_; // guards:
+    std::vector<std::string> lines_;
+    std::condition_variable noted_;
     WorkerOptions options_;
     std::optional<Result<FinishReason>> outcome_;
     std::jthread thread_; // last: joined first
@@ -151,6 +173,20 @@ Welcome quick_welcome() {
             .stream = "",
             .program_version = "0",
             .incarnation = 1};
+}
+
+/// Of the broker of that number, of several that stand for each other.
+Welcome welcome_of(std::uint8_t number, const std::vector<Member>& all) {
+    Welcome welcome = quick_welcome();
+    welcome.broker.bytes[0] = number;
+    welcome.brokers = all;
+    return welcome;
+}
+
+Member member(std::uint8_t number, const std::string& endpoint) {
+    Member member{{}, endpoint};
+    member.broker.bytes[0] = number;
+    return member;
 }
 
 RenderTile order(const Bytes& scene, std::uint32_t tile) {
@@ -295,6 +331,126 @@ TEST_CASE("emulated workers are sessions of their own over one socket thread") {
     CHECK(ids.size() == 3);
     worker.control.drain();
     CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("brokers that stand for each other hear every answer, and one is enough") {
+    const net::Context context;
+    std::optional<FakeBroker> first(std::in_place, context, "tcp://127.0.0.1:*");
+    FakeBroker second(context, "tcp://127.0.0.1:*");
+    const std::vector all{member(1, first->endpoint()), member(2, second.endpoint())};
+    HostedWorker worker(context, {first->endpoint()});
+    const auto hello = first->expect<WorkerHello>();
+    first->send(welcome_of(1, all));
+    CHECK(second.expect<WorkerHello>().worker == hello.worker);
+    second.send(welcome_of(2, all));
+    second.send(Brokers{{1, all[0].broker}, all});
+    CHECK(second.expect<WorkerBeat>().in_flight.empty());
+
+    const Bytes scene = scene_text("cone.raj");
+    RenderTile tile = order(scene, 0), endless = order(scene, 1);
+    tile.term = endless.term = {1, all[0].broker};
+    first->send(tile);
+    const auto need = first->expect<NeedChunk>();
+    first->send(Chunk{need.blob, 0, scene.size(), {Blob(scene)}});
+    const auto told = first->expect<TileRendered>(), witnessed = second.expect<TileRendered>();
+    CHECK(witnessed.rect == PixelRect{0, 0, 64, 48});
+    CHECK(witnessed.blobs.at(0) == told.blobs.at(0));
+
+    endless.settings.aa = 256;
+    endless.rect = {0, 0, 256, 192};
+    first->send(endless);
+    for (std::uint64_t rays = 0; rays == 0;) { // until it is under way, and the second has heard so
+        const auto beat = second.expect<WorkerBeat>();
+        second.send(Beat{});
+        if (!beat.in_flight.empty())
+            rays = beat.in_flight[0].rays;
+    }
+    first.reset();
+    second.send(Brokers{{2, all[1].broker}, all});
+    for (Term heard; heard.counter < 2;) {
+        const auto beat = second.expect<WorkerBeat>();
+        heard = beat.term;
+        REQUIRE(beat.in_flight.size() == 1);
+        CHECK(beat.in_flight[0].tile == endless.tile);
+        CHECK(beat.in_flight[0].rect == endless.rect);
+    }
+    second.send(CancelTile{endless.job, endless.tile, endless.attempt});
+    CHECK(second.expect<TileFailed>().code == FailureCode::cancelled);
+    worker.control.drain();
+    (void)second.expect<Goodbye>();
+    CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("a worker opens connections to brokers that it is told of, and closes them again") {
+    const net::Context context;
+    FakeBroker first(context, "tcp://127.0.0.1:*"), second(context, "tcp://127.0.0.1:*");
+    HostedWorker worker(context, {first.endpoint()});
+    (void)first.expect<WorkerHello>();
+    first.send(welcome_of(1, {member(1, first.endpoint()), member(2, second.endpoint()),
+                              member(3, "carrier-pigeon://roof"), member(4, "inproc://first")}));
+    worker.expect_line(second.endpoint() + ": served as well: " + first.endpoint() +
+                       " tells of it");
+    worker.expect_line("carrier-pigeon://roof: cannot be served: ");
+    worker.expect_line("inproc://first: cannot be served: ");
+    (void)second.expect<WorkerHello>(); // and is not answered
+    first.send(Brokers{{}, {member(1, first.endpoint())}});
+    worker.expect_line(second.endpoint() + ": served no more: no broker tells of it any more");
+    first.send(Brokers{{}, {member(1, first.endpoint()), member(2, second.endpoint())}});
+    while (second.expect<WorkerHello>().incarnation < 2) {
+    }
+    worker.control.drain();
+    (void)first.expect<Goodbye>();
+    CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("two endpoints that lead to one broker are served by one session") {
+    const net::Context context;
+    FakeBroker broker(context, "tcp://127.0.0.1:*");
+    const std::string alias =
+        "tcp://127.0.0.1" + broker.endpoint().substr(broker.endpoint().rfind(':'));
+    HostedWorker worker(context, {broker.endpoint(), alias});
+    (void)broker.expect<WorkerHello>();
+    broker.send(welcome_of(1, {}));
+    (void)broker.expect<WorkerHello>();
+    const net::PeerId newer = broker.last_peer();
+    broker.send(welcome_of(1, {}));
+    worker.expect_line(alias + ": served no more: it is the broker at " + broker.endpoint());
+    (void)broker.expect<Goodbye>();
+    if (broker.last_peer() == newer) { // for which a broker has forgotten the older one
+        const auto again = broker.expect<WorkerHello>();
+        CHECK(broker.last_peer() != newer);
+        Welcome welcome = welcome_of(1, {});
+        welcome.incarnation = again.incarnation;
+        broker.send(welcome);
+    }
+    for (int beats = 0; beats < 3; ++beats) {
+        (void)broker.expect<WorkerBeat>();
+        broker.send(Beat{});
+    }
+    worker.control.drain();
+    (void)broker.expect<Goodbye>();
+    CHECK(worker.join() == FinishReason::drained);
+}
+
+TEST_CASE("every emulated worker serves all brokers that stand for each other, as itself") {
+    const net::Context context;
+    FakeBroker first(context, "tcp://127.0.0.1:*"), second(context, "tcp://127.0.0.1:*");
+    const std::vector all{member(1, first.endpoint()), member(2, second.endpoint())};
+    HostedWorker worker(context, {first.endpoint()}, {{2, 1e6}});
+    std::map<std::string, WorkerId> at_first, at_second;
+    while (at_first.size() < 2) {
+        const auto hello = first.expect<WorkerHello>();
+        at_first[hello.worker_name] = hello.worker;
+        first.send(welcome_of(1, all));
+    }
+    while (at_second.size() < 2) {
+        const auto hello = second.expect<WorkerHello>();
+        at_second[hello.worker_name] = hello.worker;
+        second.send(welcome_of(2, all));
+    }
+    CHECK(at_first == at_second);
+    worker.control.stop_now();
+    CHECK(worker.join() == FinishReason::stopped);
 }
 
 TEST_CASE("a worker that listens serves one caller after the other") {
