@@ -39,7 +39,8 @@ constexpr const char* examples = R"(Examples:
   fraja-worker --emulate 16@3k --emulate 16@6k   look like 32 machines of two speeds, to try a broker
 
 Renders tiles for brokers until it is told to leave: the first TERM or INT finishes the tiles at
-hand, a second one hands them back at once. A lost broker is greeted again for ever.
+hand, a second one hands them back at once. A lost broker is greeted again for ever; those that
+stand for it (fraja-broker --peer) are served as well: naming one of them is enough.
 With --listen it serves one fraja-submit --direct after the other; the others wait for their turn.
 FRAJA_ISA=x86-64-v2 (-v3, -v4) forces an instruction set; it never changes pixels.
 )";

@@ -236,6 +236,9 @@ private:
         note_losses(is_dismissal ? std::optional(static_cast<std::uint32_t>(heard->session))
                                  : std::nullopt);
         check_beats();
+        if (said_goodbye_)
+            for (const auto& [key, owed] : owed_)
+                REQUIRE((given_ && key == *given_)); // which is not taken
         std::size_t running = 0;
         for (auto& [of, tickets] : running_)
             running += tickets.size();
@@ -260,8 +263,7 @@ private:
             beats_.emplace_back(of_, *beat);
         } else {
             REQUIRE(std::holds_alternative<Goodbye>(send.message));
-            for (const auto& [key, owed] : owed_)
-                REQUIRE(answered_.contains(key));
+            said_goodbye_ = true;
         }
     }
     void check(const StartTile& start) {
@@ -344,6 +346,7 @@ private:
     std::map<std::uint32_t, std::set<ContentHash>> compiling_, compiled_;
     std::map<std::uint32_t, std::set<Ticket>> running_;
     std::set<Ticket> tickets_;
+    bool said_goodbye_ = false;
     std::uint32_t of_ = 0;
 };
 
@@ -352,7 +355,7 @@ private:
 } // namespace
 
 TEST_CASE("whatever brokers of a farm do, each that is there hears every answer once") {
-    for_each_seed(300, [](Rng& rng) {
+    for_each_seed(2'000, [](Rng& rng) {
         of_crew::World world(rng);
         for (int i = 0; i < 500; ++i)
             world.random_step();

@@ -228,6 +228,25 @@ TEST_CASE("every broker of a farm hears every answer; independent ones those to 
     }
 }
 
+TEST_CASE("an independent broker beside a farm hears nothing of it") {
+    CrewDriver driver(3);
+    (void)driver.step(CrewTick{});
+    (void)driver.receive(0, welcome_of(1, members({1, 2}), term(9)));
+    (void)driver.receive(1, welcome_of(2, members({1, 2}), term(9)));
+    (void)driver.receive(2, welcome_of(3, {}, term(4, 3)));
+    const TestScene scene(10);
+    RenderTile tile = order(scene, 5);
+    tile.term = term(9);
+    (void)driver.receive(0, tile);
+    CHECK(named(driver.pass(1s), 2).empty());
+    const auto actions = driver.receive(0, CancelTile{tile.job, tile.tile, tile.attempt});
+    CHECK(sent<TileFailed>(actions, 1).size() == 1);
+    CHECK(of_type<Send>(actions, 2).empty());
+    for (std::uint32_t of = 0; of < 3; ++of)
+        (void)driver.receive(of, Beat{});
+    CHECK(sent<WorkerBeat>(driver.pass(1s), 2).at(0).term == term(4, 3));
+}
+
 TEST_CASE("what a probe finds is for the broker that asked, as long as its session stands") {
     Pair driver;
     RenderTile probe = order(driver.scene, 5, 2000);
