@@ -171,6 +171,8 @@ private:
     void keep_company();
     void note_who_is_here();
     void forget_brokers_that_are_gone();
+    void forget_broker(const BrokerId& id);
+    void forget_predecessors(const protocol::BrokerHello& hello);
     [[nodiscard]] std::vector<protocol::Member> members() const;
     [[nodiscard]] std::string endpoint_of(const BrokerId& broker) const;
     [[nodiscard]] std::vector<protocol::PeerState> peer_states() const;

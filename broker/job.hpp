@@ -76,6 +76,7 @@ public:
     /// Of all passes.
     [[nodiscard]] const protocol::Bitmap& done() const { return done_; }
     [[nodiscard]] std::uint64_t done_count() const { return done_count_; }
+    [[nodiscard]] bool first_pass_done() const { return first_pass_left_ == 0; }
     /// As in protocol::JobDigest.
     [[nodiscard]] std::uint64_t done_hash() const { return done_hash_; }
     /// Nothing: it is none of this job.

@@ -24,6 +24,7 @@ void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
 /// Who is told of, and cannot be reached by any connection that there is.
 void Dispatcher::consider_dialling(const Member& member) {
     const bool is_known = member.endpoint.empty() || member.broker == identity_.broker ||
+                          member.endpoint == identity_.endpoint || // in an earlier life
                           lines_.contains(member.endpoint) ||
                           own_endpoints_.contains(member.endpoint) ||
                           std::ranges::any_of(lines_, [&](const auto& entry) {
@@ -93,6 +94,7 @@ void Dispatcher::meet_broker(const PeerId& peer, const BrokerHello& hello) {
             return turn_away(peer, RefusalCode::limit_exceeded,
                              "at most " + std::to_string(brokers_max) +
                                  " brokers stand for each other");
+        forget_predecessors(hello);
         membership_.meet(now_, hello);
         Colleague& colleague = colleagues_[hello.broker];
         if (colleague.peer && *colleague.peer != peer)
@@ -124,6 +126,7 @@ void Dispatcher::on(const BrokerSaid& event) {
             lines_.erase(found);
             return;
         }
+        forget_predecessors(*hello);
         line.broker = hello->broker;
         membership_.meet(now_, *hello);
         colleagues_.try_emplace(hello->broker);
@@ -246,28 +249,45 @@ void Dispatcher::note_who_is_here() {
     }
 }
 
-/// Those that were not configured, after a while.
 void Dispatcher::forget_brokers_that_are_gone() {
     std::vector<BrokerId> gone;
     for (const auto& [id, peer] : membership_.peers())
         if (now_ - peer.heard_at > limits_.absence_max)
             gone.push_back(id);
-    for (const BrokerId& id : gone) {
-        membership_.forget(id);
-        if (const auto& peer = colleagues_[id].peer)
-            brokers_by_peer_.erase(*peer);
-        colleagues_.erase(id);
-        for (auto entry = lines_.begin(); entry != lines_.end();) {
-            Line& line = entry->second;
-            if (line.broker == id && !line.is_configured) {
-                actions_->push_back(HangUp{entry->first});
-                entry = lines_.erase(entry);
-                continue;
-            }
-            if (line.broker == id)
-                line.broker.reset();
-            ++entry;
+    for (const BrokerId& id : gone)
+        forget_broker(id);
+}
+
+/// Where it was found goes, too, unless that was configured.
+void Dispatcher::forget_broker(const BrokerId& id) {
+    membership_.forget(id);
+    std::erase_if(brokers_by_peer_, [&](const auto& entry) { return entry.second == id; });
+    colleagues_.erase(id);
+    for (auto entry = lines_.begin(); entry != lines_.end();) {
+        Line& line = entry->second;
+        if (line.broker == id && !line.is_configured) {
+            actions_->push_back(HangUp{entry->first});
+            entry = lines_.erase(entry);
+            continue;
         }
+        if (line.broker == id)
+            line.broker.reset();
+        ++entry;
+    }
+}
+
+/// One that says hello is whoever was there before it no more.
+void Dispatcher::forget_predecessors(const BrokerHello& hello) {
+    std::vector<BrokerId> earlier;
+    for (const auto& [id, peer] : membership_.peers())
+        if (id != hello.broker && !hello.endpoint.empty() && peer.endpoint == hello.endpoint &&
+            peer.rank.started_at <= hello.started_at)
+            earlier.push_back(id);
+    for (const BrokerId& id : earlier) {
+        for (auto& [endpoint, line] : lines_) // where it is, is known
+            if (line.broker == id)
+                line.broker = hello.broker;
+        forget_broker(id);
     }
 }
 

@@ -22,6 +22,11 @@ std::uint64_t hash_of(const Id& id) {
     return Rng(parts[0] ^ Rng(parts[1]).next()).next();
 }
 
+/// Followed or not.
+const Revision& newest_word(const Job& job) {
+    return job.awaited ? job.awaited->revision : job.revision;
+}
+
 std::uint64_t hash_of(const JobDigest& job) {
     return Rng(hash_of(job.job) ^ Rng(job.revision.counter ^ hash_of(job.revision.broker)).next() ^
                job.cells)
@@ -90,7 +95,7 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
             continue;
         }
         const Job* job = job_of(their.job);
-        if (!job || job->revision < their.revision) {
+        if (!job || newest_word(*job) < their.revision) {
             lacks = true;
             if (asked++ < limits_.copies_asked_max)
                 tell(broker, WantJob{their.job});
@@ -154,8 +159,7 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         job->waiting_for_copy.insert(broker);
     else
         tell(broker, JobKept{id});
-    const Revision& known = job->awaited ? job->awaited->revision : job->revision;
-    if (!(known < record.revision))
+    if (!(newest_word(*job) < record.revision))
         return;
     job->awaited = record;
     settle(*job);
@@ -173,7 +177,10 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
         return;
     Job fresh(s, record.number, {});
     fresh.set_passes(record.passes);
-    fresh.phase = is_over(record.phase) ? record.phase : JobPhase::waiting_for_scene;
+    // One that is done is so when its tiles are here. Until then it counts as older than it is.
+    fresh.phase = is_over(record.phase) && record.phase != JobPhase::done
+                      ? record.phase
+                      : JobPhase::waiting_for_scene;
     fresh.holds_scene = is_over(record.phase); // so that no room is sought for it
     const auto room = room_for(fresh);
     if (!room) {
@@ -196,7 +203,7 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
     job.join(party_of(job));
     job.is_adopted = true;
     job.priority = record.priority;
-    job.revision = record.revision;
+    job.revision = record.phase == JobPhase::done ? Revision{} : record.revision;
     job.submitted_at = now_ - std::max(record.age, Duration{});
     job.scene_came_on_at = now_;
     job.waiting_for_copy.insert(broker);
@@ -219,7 +226,8 @@ void Dispatcher::settle(Job& job) {
     const bool is_tried_again = is_over(job.phase) && !is_over(word.phase);
     if (job.phase == JobPhase::waiting_for_scene)
         return;
-    if (word.phase == JobPhase::done && !is_over(job.phase) && job.done_count() < word.done_count)
+    if (word.phase == JobPhase::done && !is_over(job.phase) &&
+        (job.done_count() < word.done_count || !job.first_pass_done()))
         return; // its last tiles are still to come
     if (is_tried_again && !job.holds_scene) {
         const SubmitJob& s = job.submission();
@@ -238,6 +246,10 @@ void Dispatcher::settle(Job& job) {
 
 void Dispatcher::follow(Job& job, const JobRecord& record) {
     job.revision = record.revision;
+    if (job.phase == JobPhase::done && record.phase != JobPhase::done) {
+        follows_ = false; // it has all that can be: the others are told
+        return note_change(job);
+    }
     if (job.priority != record.priority)
         set_priority(job, record.priority);
     if (job.number() != record.number)
@@ -252,8 +264,6 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
         return;
     }
     if (is_over(job.phase)) {
-        if (job.phase == JobPhase::done)
-            return; // it has all that can be
         if (const auto refused = retry(job))
             return;
         job.submitted_at = now_ - std::max(record.age, Duration{});
@@ -329,8 +339,14 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
     if (!job.is_being_kept || !job.is_stored || needs_copy(job))
         return;
     job.is_being_kept = job.is_stored = false;
-    if (!is_over(job.phase))
+    if (job.is_adopted && job.awaited && job.awaited->phase == JobPhase::done) {
+        job.phase = JobPhase::paused;
+        job.reason = "its tiles are still to come from another broker";
+        job.acknowledged_at = now_;
+        look_ready(job);
+    } else if (!is_over(job.phase)) {
         acknowledge(job);
+    }
     if (job.is_adopted) {
         const JobRecord record = job.awaited.value_or(record_of(job));
         follows_ = true;

@@ -131,13 +131,19 @@ void BrokerNode::perform(broker::Dial&& dial) {
 }
 
 void BrokerNode::perform(broker::HangUp&& gone) {
-    Call& call = *calls_.at(gone.endpoint);
+    const auto found = calls_.find(gone.endpoint);
+    if (found == calls_.end())
+        return farm_.violation(name_ + " hangs up on " + gone.endpoint);
+    Call& call = *found->second;
     call.site.network.disconnect(call.line);
     ++call.line.socket;
 }
 
 void BrokerNode::perform(broker::Tell&& words) {
-    Call& call = *calls_.at(words.endpoint);
+    const auto found = calls_.find(words.endpoint);
+    if (found == calls_.end())
+        return farm_.violation(name_ + " speaks to " + words.endpoint);
+    Call& call = *found->second;
     (void)call.site.network.to_broker(call.line, words.message);
 }
 

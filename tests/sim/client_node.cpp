@@ -184,7 +184,9 @@ void ClientNode::take(const client::News& news) {
 
 void ClientNode::begin_following(const protocol::JobState& state) {
     JobReport& report = farm_.report.jobs[index_];
-    if (report.acknowledged && !watching_ && farm_.scenario.store.there)
+    // Of several brokers one that was cut off may have kept it alone.
+    if (report.acknowledged && !watching_ && farm_.scenario.store.there &&
+        farm_.scenario.brokers == 1)
         violation("was acknowledged, and has to be submitted again");
     if (!report.acknowledged)
         report.acknowledged_at = farm_.now().since_start;
@@ -224,6 +226,8 @@ void ClientNode::finish(const client::Outcome& outcome) {
     if (outcome.code == client::ExitCode::usage && !report.acknowledged)
         return farm_.agenda.after(5s,
                                   [this] { start(); }); // the disk was full; somebody tries again
+    if (outcome.code == client::ExitCode::no_such_job && farm_.scenario.brokers > 1)
+        return farm_.agenda.after(2s, [this] { watch(); }); // it was asked for at one that lacks it
     over_ = true;
     if (outcome.code == client::ExitCode::done)
         look_whether_whole();

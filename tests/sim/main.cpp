@@ -12,9 +12,10 @@ namespace {
 using namespace fraja;
 
 constexpr auto usage =
-    "fraja-sim [--hours H] [--from S] [--failures N] | --seed S\n"
+    "fraja-sim [--brokers B] ([--hours H] [--from S] [--failures N] | --seed S)\n"
     "Farms in pretend time. As the seed will have it: delay, duplicates, broken connections,\n"
     "partitions of one node or many, crashes, hangs, slow machines, bad disks, wrong clocks.\n"
+    "  --brokers B   stand for each other in each farm, which has no branches then; 1 without it\n"
     "  --hours H     of pretend time, farm after farm; 10 without it\n"
     "  --from S      the first farm's seed; 1 without it\n"
     "  --failures N  are enough: ends then\n"
@@ -41,6 +42,7 @@ void tell_seed_of_deaths() {
 struct Options {
     double hours = 10;
     std::uint64_t from = 1, failures_max = UINT64_MAX;
+    std::size_t brokers = 1;
     bool one = false;
 };
 
@@ -54,8 +56,9 @@ bool read(const char* text, T& value) {
 bool read_option(std::string_view word, const char* value, Options& options) {
     if (word == "--seed")
         options.one = true;
-    return word == "--hours"                      ? read(value, options.hours)
-           : word == "--failures"                 ? read(value, options.failures_max)
+    return word == "--hours"      ? read(value, options.hours)
+           : word == "--failures" ? read(value, options.failures_max)
+           : word == "--brokers"  ? read(value, options.brokers) && options.brokers > 0
            : word == "--from" || word == "--seed" ? read(value, options.from)
                                                   : false;
 }
@@ -84,6 +87,12 @@ int main(int argc, char** argv) {
     for (; goes_on(); ++seed) {
         seed_at_hand = seed;
         sim::Scenario scenario = sim::random_scenario(seed);
+        if (options.brokers > 1) {
+            scenario.brokers = options.brokers;
+            scenario.branches = 0;
+            for (sim::WorkerPlan& worker : scenario.workers)
+                worker.branch = 0;
+        }
         if (options.one)
             scenario.on_log = [](Instant now, const std::string& line) {
                 fmt::print("{:.6f} {}\n", seconds(now.since_start), line);

@@ -27,78 +27,134 @@ Blob black(std::size_t size) {
 
 } // namespace
 
-WorkerNode::WorkerNode(Farm& farm, Network& network, std::size_t index)
-    : farm_(farm), network_(network), index_(index), plan_(farm.scenario.workers[index]) {
-    line_.hear = [this](protocol::Message&& message) {
-        step(worker::Received{std::move(message)});
-    };
-    line_.reconnected = [this] { network_.in_process(process_, [this] { flush(); }); };
+WorkerNode::WorkerNode(Farm& farm, const std::vector<Place>& places, std::size_t index)
+    : farm_(farm), index_(index), plan_(farm.scenario.workers[index]) {
+    for (const Place& place : places) {
+        Way& way = *ways_.emplace_back(std::make_unique<Way>(place, process_));
+        way.line.hear = [this, &way](protocol::Message&& message) {
+            if (way.session)
+                step(worker::SessionEvent{*way.session, worker::Received{std::move(message)}});
+        };
+        way.line.reconnected = [this, &way] {
+            way.place.network->in_process(process_, [this, &way] { flush(way); });
+        };
+    }
     process_.tick = [this] {
-        worker::Tick tick;
-        for (const auto& [ticket, rendering] : rendering_)
+        std::map<Index, std::vector<worker::TileProgress>> progress;
+        for (const auto& [key, rendering] : rendering_)
             if (!rendering.hangs)
-                tick.progress.push_back({ticket, ++progress_});
+                progress[key.first].push_back({key.second, ++progress_});
+        worker::CrewTick tick;
+        for (auto& [session, tiles] : progress)
+            tick.progress.push_back({session, std::move(tiles)});
         step(tick);
     };
 }
 
+std::vector<Node> WorkerNode::lines() {
+    std::vector<Node> all;
+    for (const auto& way : ways_)
+        all.push_back({&way->line, way->place.network});
+    return all;
+}
+
 void WorkerNode::start() {
-    network_.begin_life(process_);
-    outbox_.clear();
+    ways_.front()->place.network->begin_life(process_);
     waiting_.clear();
     rendering_.clear();
     hung_threads_ = 0;
     scenes_.clear();
-    session_ = std::make_unique<worker::Session>(
-        worker::Identity{farm_.make_id<WorkerId>(), "worker " + std::to_string(index_),
-                         plan_.threads, plan_.tags},
-        worker::Limits{});
-    network_.connect(line_);
-    step(worker::Tick{});
+    worker::CrewOptions options{.identity = {farm_.make_id<WorkerId>(),
+                                             "worker " + std::to_string(index_), plan_.threads,
+                                             plan_.tags},
+                                .endpoints = {},
+                                .first = Index{0},
+                                .limits = {}};
+    const std::size_t known = 1 + farm_.rng.below(ways_.size());
+    for (std::size_t i = 0; i < known; ++i) {
+        Way& way = *ways_[i];
+        options.endpoints.push_back(way.place.endpoint);
+        open(Index(static_cast<std::uint32_t>(i)), way);
+    }
+    crew_ = std::make_unique<worker::Crew>(std::move(options));
+    step(worker::CrewTick{});
 }
 
 void WorkerNode::crash() {
     if (!process_.running)
         return;
-    network_.disconnect(line_);
-    network_.end_life(process_);
-    session_.reset();
+    for (const auto& way : ways_)
+        if (way->session)
+            close(*way->session);
+    ways_.front()->place.network->end_life(process_);
+    crew_.reset();
     farm_.agenda.after(farm_.between(10ms, farm_.scenario.faults.restart_max), [this] { start(); });
 }
 
-void WorkerNode::step(const worker::Event& event) {
+void WorkerNode::step(const worker::CrewEvent& event) {
     farm_.note(2'000 + 100 * index_ + event.index());
-    std::vector<worker::Action> actions;
-    session_->step(farm_.now(), event, actions);
-    for (worker::Action& action : actions)
-        std::visit([this](auto& a) { perform(std::move(a)); }, action);
-    flush();
-    network_.wake(process_, session_->next_deadline());
+    std::vector<worker::CrewAction> actions;
+    crew_->step(farm_.now(), event, actions);
+    for (worker::CrewAction& action : actions)
+        std::visit([&](auto& deed) { perform(action.session, std::move(deed)); }, action.deed);
+    for (const auto& way : ways_)
+        flush(*way);
+    if (crew_->finished())
+        return farm_.violation("worker " + std::to_string(index_) + " gave up");
+    ways_.front()->place.network->wake(process_, crew_->next_deadline());
 }
 
-void WorkerNode::flush() {
-    while (!outbox_.empty() && network_.to_broker(line_, outbox_.front()))
-        outbox_.pop_front();
+WorkerNode::Way* WorkerNode::way_of(Index session) {
+    const auto found =
+        std::ranges::find_if(ways_, [&](const auto& way) { return way->session == session; });
+    return found == ways_.end() ? nullptr : found->get();
 }
 
-void WorkerNode::perform(worker::Send&& send) {
+void WorkerNode::open(Index session, Way& way) {
+    way.session = session;
+    way.outbox.clear();
+    way.place.network->connect(way.line);
+}
+
+void WorkerNode::close(Index session) {
+    if (Way* way = way_of(session)) {
+        way->place.network->disconnect(way->line);
+        ++way->line.socket;
+        way->session.reset();
+    }
+}
+
+void WorkerNode::perform(Index session, worker::Open&& wanted) {
+    const auto found = std::ranges::find_if(
+        ways_, [&](const auto& way) { return way->place.endpoint == wanted.endpoint; });
+    if (found == ways_.end() || (*found)->session)
+        return farm_.violation("worker " + std::to_string(index_) + " is to serve " +
+                               wanted.endpoint);
+    open(session, **found);
+}
+
+void WorkerNode::flush(Way& way) {
+    while (!way.outbox.empty() && way.place.network->to_broker(way.line, way.outbox.front()))
+        way.outbox.pop_front();
+}
+
+void WorkerNode::perform(Index session, worker::Send&& send) {
+    Way* way = way_of(session);
+    if (!way)
+        return farm_.violation("a worker speaks to a broker that it does not serve");
     if (std::holds_alternative<protocol::WorkerHello>(send.message))
-        outbox_.clear();
-    outbox_.push_back(std::move(send.message));
+        way->outbox.clear();
+    way->outbox.push_back(std::move(send.message));
 }
 
-void WorkerNode::perform(worker::Log&& line) {
+void WorkerNode::perform(Index, worker::Log&& line) {
     if (line.level != LogLevel::debug)
         farm_.log("worker " + std::to_string(index_) + ": " + line.text);
 }
 
-void WorkerNode::perform(worker::Finished&&) {
-    farm_.violation("worker " + std::to_string(index_) + " gave up");
-}
-
 // ----------------------------------------------------------------------------------- its threads
 
-void WorkerNode::perform(worker::CompileScene&& compile) {
+void WorkerNode::perform(Index session, worker::CompileScene&& compile) {
     // The session wants its hash looked at. Comparing with what it is the hash of is the same.
     const Blob* wanted = nullptr;
     for (const auto& [id, submitted] : farm_.submitted)
@@ -113,56 +169,61 @@ void WorkerNode::perform(worker::CompileScene&& compile) {
     }
     whole = whole && at == wanted->size();
     const Duration time = farm_.between(farm_.scenario.compile_min, farm_.scenario.compile_max);
-    farm_.agenda.after(time, [this, life = process_.life, whole, scene = compile.scene] {
+    farm_.agenda.after(time, [this, session, life = process_.life, whole, scene = compile.scene] {
         if (process_.life != life)
             return;
-        network_.in_process(process_, [this, whole, scene] {
+        ways_.front()->place.network->in_process(process_, [this, session, whole, scene] {
             if (!whole)
-                return step(worker::SceneFailed{scene, {ErrorCode::invalid_scene, "another hash"}});
-            scenes_.insert(scene);
-            step(worker::SceneCompiled{scene});
+                return step(worker::SessionEvent{
+                    session,
+                    worker::SceneFailed{scene, {ErrorCode::invalid_scene, "another hash"}}});
+            scenes_.insert({session, scene});
+            step(worker::SessionEvent{session, worker::SceneCompiled{scene}});
         });
     });
 }
 
-void WorkerNode::perform(worker::StartTile&& start) {
-    if (!scenes_.contains(start.scene))
+void WorkerNode::perform(Index session, worker::StartTile&& start) {
+    if (!scenes_.contains({session, start.scene}))
         farm_.violation("a worker starts a tile of a scene that it has not");
-    waiting_.push_back(std::move(start));
+    waiting_.push_back({session, std::move(start)});
     start_waiting();
 }
 
 void WorkerNode::start_waiting() {
     while (!waiting_.empty() && rendering_.size() + hung_threads_ < plan_.threads) {
-        worker::StartTile tile = std::move(waiting_.front());
+        Waiting next = std::move(waiting_.front());
         waiting_.pop_front();
-        render(std::move(tile));
+        render(next.session, std::move(next.tile));
     }
 }
 
-void WorkerNode::render(worker::StartTile&& tile) {
+void WorkerNode::render(Index session, worker::StartTile&& tile) {
+    const TileKey key{session, tile.ticket};
     if (!farm_.healed() && farm_.scenario.faults.hung_tiles > 0 &&
         farm_.rng.unit() < farm_.scenario.faults.hung_tiles) {
-        rendering_[tile.ticket] = {farm_.now(), true};
+        rendering_[key] = {farm_.now(), true};
         return;
     }
-    rendering_[tile.ticket] = {farm_.now(), false};
+    rendering_[key] = {farm_.now(), false};
     WorkerReport& report = farm_.report.workers[index_];
     report.first_start = std::min(report.first_start, farm_.now().since_start);
     const double rays = rays_of(tile);
     const Duration time = from_seconds(rays / plan_.rays_per_s);
-    farm_.agenda.after(
-        time, [this, life = process_.life, tile = std::move(tile), time, rays]() mutable {
-            if (process_.life != life)
-                return;
-            network_.in_process(process_, [this, tile = std::move(tile), time, rays] {
-                if (rendering_.erase(tile.ticket) > 0)
-                    end_tile(tile, time, rays);
-            });
-        });
+    farm_.agenda.after(time, [this, key, life = process_.life, tile = std::move(tile), time,
+                              rays]() mutable {
+        if (process_.life != life)
+            return;
+        ways_.front()->place.network->in_process(process_,
+                                                 [this, key, tile = std::move(tile), time, rays] {
+                                                     if (rendering_.erase(key) > 0)
+                                                         end_tile(key.first, tile, time, rays);
+                                                 });
+    });
 }
 
-void WorkerNode::end_tile(const worker::StartTile& tile, Duration time, double rays) {
+void WorkerNode::end_tile(Index session, const worker::StartTile& tile, Duration time,
+                          double rays) {
     moved_ = farm_.now();
     WorkerReport& report = farm_.report.workers[index_];
     report.busy += time;
@@ -171,15 +232,19 @@ void WorkerNode::end_tile(const worker::StartTile& tile, Duration time, double r
     if (tile.probe_side > 0)
         farm_.report.probe += time;
     start_waiting();
-    step(worker::TileFinished{
-        tile.ticket, {.camera = static_cast<std::uint64_t>(rays) + 1}, time, answer(tile)});
+    step(worker::SessionEvent{
+        session,
+        worker::TileFinished{
+            tile.ticket, {.camera = static_cast<std::uint64_t>(rays) + 1}, time, answer(tile)}});
 }
 
 /// A thread that hangs does not hear of it. One that is through at that moment tells its tile all
 /// the same.
-void WorkerNode::perform(worker::StopTile&& stop) {
-    std::erase_if(waiting_, [&](const worker::StartTile& t) { return t.ticket == stop.ticket; });
-    const auto found = rendering_.find(stop.ticket);
+void WorkerNode::perform(Index session, worker::StopTile&& stop) {
+    std::erase_if(waiting_, [&](const Waiting& w) {
+        return w.session == session && w.tile.ticket == stop.ticket;
+    });
+    const auto found = rendering_.find({session, stop.ticket});
     if (found == rendering_.end())
         return;
     if (found->second.hangs)
@@ -191,10 +256,12 @@ void WorkerNode::perform(worker::StopTile&& stop) {
     report.last_end = farm_.now().since_start;
     rendering_.erase(found);
     if (!farm_.healed() && farm_.rng.below(4) == 0)
-        farm_.agenda.after(farm_.delay(), [this, life = process_.life, ticket = stop.ticket] {
+        farm_.agenda.after(farm_.delay(), [this, session, life = process_.life,
+                                           ticket = stop.ticket] {
             if (process_.life == life)
-                network_.in_process(process_, [this, ticket] {
-                    step(worker::TileFinished{ticket, {.camera = 1}, 1ms, {black(12)}});
+                ways_.front()->place.network->in_process(process_, [this, session, ticket] {
+                    step(worker::SessionEvent{
+                        session, worker::TileFinished{ticket, {.camera = 1}, 1ms, {black(12)}}});
                 });
         });
     start_waiting();

@@ -2,20 +2,29 @@
 #pragma once
 
 #include "tests/sim/network.hpp"
-#include "worker/session.hpp"
+#include "worker/crew.hpp"
 
 #include <cstddef>
 #include <deque>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
+#include <string>
+#include <utility>
 #include <vector>
 
 namespace fraja::sim {
 
 class WorkerNode {
 public:
-    WorkerNode(Farm& farm, Network& network, std::size_t index);
+    /// Where its brokers are: of several that stand for each other it may know only some, which
+    /// tell it of the others.
+    struct Place {
+        std::string endpoint;
+        Network* network;
+    };
+    WorkerNode(Farm& farm, const std::vector<Place>& places, std::size_t index);
     WorkerNode(const WorkerNode&) = delete; // the network knows where it is
     WorkerNode& operator=(const WorkerNode&) = delete;
 
@@ -26,22 +35,42 @@ public:
     [[nodiscard]] Duration stuck_for() const;
     [[nodiscard]] bool has_hung_threads() const { return hung_threads_ > 0; }
     [[nodiscard]] Process& process() { return process_; }
-    [[nodiscard]] std::vector<Node> lines() { return {{&line_, &network_}}; }
+    [[nodiscard]] std::vector<Node> lines();
 
 private:
-    void step(const worker::Event& event);
-    void flush();
-    void perform(worker::Send&& send);
-    void perform(worker::CompileScene&& compile);
-    void perform(worker::StartTile&& start);
-    void perform(worker::StopTile&& stop);
-    void perform(worker::ForgetScene&& forget) { scenes_.erase(forget.scene); }
-    void perform(worker::HangUp&&) {} // nobody calls here
-    void perform(worker::Log&& line);
-    void perform(worker::Finished&&);
+    using Index = worker::SessionIndex;
+    /// To one of the brokers.
+    struct Way {
+        Way(Place p, Process& process) : place(std::move(p)), line(process) {}
+        Place place;
+        Line line;
+        std::optional<Index> session; ///< that has it
+        std::deque<protocol::Message> outbox;
+    };
+    struct Waiting {
+        Index session{};
+        worker::StartTile tile;
+    };
+
+    void step(const worker::CrewEvent& event);
+    void flush(Way& way);
+    [[nodiscard]] Way* way_of(Index session);
+    void open(Index session, Way& way);
+    void close(Index session);
+    void perform(Index session, worker::Send&& send);
+    void perform(Index session, worker::CompileScene&& compile);
+    void perform(Index session, worker::StartTile&& start);
+    void perform(Index session, worker::StopTile&& stop);
+    void perform(Index session, worker::ForgetScene&& forget) {
+        scenes_.erase({session, forget.scene});
+    }
+    void perform(Index, worker::HangUp&&) {} // nobody calls here
+    void perform(Index session, worker::Log&& line);
+    void perform(Index session, worker::Open&& open);
+    void perform(Index session, worker::Close&&) { close(session); }
     void start_waiting();
-    void render(worker::StartTile&& tile);
-    void end_tile(const worker::StartTile& tile, Duration time, double rays);
+    void render(Index session, worker::StartTile&& tile);
+    void end_tile(Index session, const worker::StartTile& tile, Duration time, double rays);
     [[nodiscard]] std::vector<Blob> answer(const worker::StartTile& tile) const;
     [[nodiscard]] double rays_of(const worker::StartTile& tile) const;
     [[nodiscard]] std::vector<float> probe(const worker::StartTile& tile) const;
@@ -50,20 +79,19 @@ private:
         Instant since{};
         bool hangs = false;
     };
+    using TileKey = std::pair<Index, worker::Ticket>;
 
     Farm& farm_;
-    Network& network_;
     std::size_t index_;
     const WorkerPlan& plan_;
     Process process_;
-    Line line_{process_};
-    std::unique_ptr<worker::Session> session_;
-    std::deque<protocol::Message> outbox_;
-    std::deque<worker::StartTile> waiting_;
-    std::map<worker::Ticket, Rendering> rendering_;
-    std::size_t hung_threads_ = 0; ///< that do not come back
-    Instant moved_{};              ///< when a tile that does not hang ended
-    std::set<ContentHash> scenes_; ///< compiled
+    std::vector<std::unique_ptr<Way>> ways_;
+    std::unique_ptr<worker::Crew> crew_;
+    std::deque<Waiting> waiting_;
+    std::map<TileKey, Rendering> rendering_;
+    std::size_t hung_threads_ = 0;                   ///< that do not come back
+    Instant moved_{};                                ///< when a tile that does not hang ended
+    std::set<std::pair<Index, ContentHash>> scenes_; ///< compiled
     std::uint64_t progress_ = 0;
 };
 

@@ -21,6 +21,7 @@ using namespace std::chrono_literals;
 
 /// When all is healed partitions and hangs may go on for a while, and then leases must end.
 constexpr Duration leases_end = 4min, lease_patience = 30s;
+constexpr Duration undone_again = 3min;
 
 class World {
 public:
@@ -31,9 +32,7 @@ public:
         for (std::size_t i = 0; i < scenario.branches; ++i)
             branches_.push_back(std::make_unique<BranchNode>(farm_, sites_[0]->network, i));
         for (std::size_t i = 0; i < scenario.workers.size(); ++i) {
-            const std::size_t branch = scenario.workers[i].branch;
-            Network& network = branch == 0 ? sites_[0]->network : branches_[branch - 1]->below();
-            workers_.push_back(std::make_unique<WorkerNode>(farm_, network, i));
+            workers_.push_back(std::make_unique<WorkerNode>(farm_, places_of(i), i));
         }
         for (std::size_t i = 0; i < scenario.jobs.size(); ++i)
             clients_.push_back(std::make_unique<ClientNode>(farm_, sites_, i));
@@ -60,6 +59,10 @@ public:
             broker->describe();
         if (!violations.empty())
             return std::move(farm_.report);
+        if (const auto leaders = std::ranges::count_if(
+                brokers_, [](const auto& broker) { return broker->deals_out(); });
+            brokers_.size() > 1 && farm_.now() > end_of_faults() && leaders != 1)
+            farm_.violation(std::to_string(leaders) + " brokers deal out tiles in the end");
         for (std::size_t i = 0; i < clients_.size(); ++i)
             if (const JobReport& job = farm_.report.jobs[i]; !job.done)
                 farm_.violation("job " + std::to_string(i) + " has not ended" +
@@ -73,6 +76,14 @@ private:
         for (std::size_t i = 0; i < farm.scenario.brokers; ++i)
             sites.push_back(std::make_unique<Site>(farm, i));
         return sites;
+    }
+    [[nodiscard]] std::vector<WorkerNode::Place> places_of(std::size_t worker) const {
+        if (const std::size_t branch = farm_.scenario.workers[worker].branch; branch > 0)
+            return {{"tcp://branch:50057", &branches_[branch - 1]->below()}};
+        std::vector<WorkerNode::Place> places;
+        for (const auto& site : sites_)
+            places.push_back({site->endpoint, &site->network});
+        return places;
     }
     void list_nodes() {
         const auto add = [this](Process& process, const std::vector<Node>& lines) {
@@ -130,7 +141,10 @@ private:
         });
         if (f.controls_every > Duration::zero()) {
             farm_.every(f.controls_every, [this] { administrator_.meddle(); });
-            farm_.agenda.after(f.heals_at, [this] { administrator_.undo_all(); });
+            // Of several brokers one that is still cut off then may have other words.
+            for (int again = 0; again < (brokers_.size() > 1 ? 3 : 1); ++again)
+                farm_.agenda.after(f.heals_at + again * undone_again,
+                                   [this] { administrator_.undo_all(); });
         }
         if (f.hung_tiles > 0)
             farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
@@ -159,6 +173,11 @@ private:
             if (worker->has_hung_threads() || worker->stuck_for() > Duration::zero())
                 worker->crash();
         }
+    }
+    /// Partitions, hangs and restarts are over, and what follows from them.
+    [[nodiscard]] Instant end_of_faults() const {
+        const Faults& f = farm_.scenario.faults;
+        return Instant{} + f.heals_at + f.partition_max + f.hang_max + f.restart_max + 2min;
     }
     [[nodiscard]] bool all_over() const {
         return std::ranges::all_of(clients_, [](const auto& c) { return c->is_over(); });

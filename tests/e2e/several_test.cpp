@@ -1,0 +1,137 @@
+// Several brokers that stand for each other, as processes: any but one of them may die in the
+// middle of a job.
+#include "tests/e2e/farm.hpp"
+
+#include <csignal>
+#include <deque>
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+namespace {
+
+Process start_program(const std::string& name, Words words) {
+    words.insert(words.begin(), program(name));
+    auto process = Process::start({std::move(words)});
+    REQUIRE(process.has_value());
+    return std::move(*process);
+}
+
+/// The first one is alone at first. Each other knows it, and hears of the others from it.
+class Brokers {
+public:
+    explicit Brokers(std::size_t count) {
+        for (std::size_t i = 0; i < count; ++i)
+            start(i);
+        // What is submitted before they have met is kept by one alone.
+        const std::string others = std::to_string(count - 1);
+        for (std::size_t i = 0; i < count; ++i)
+            wait_for(i, others + (count > 2 ? " other brokers of " : " other broker of ") + others);
+        for (std::size_t i = 1; i < count; ++i)
+            wait_for(i, "has all that the other brokers have");
+    }
+
+    /// With what it had kept before.
+    void start(std::size_t i) {
+        Words words{"--heartbeat", "500ms", "--state", scratch_.file("broker" + std::to_string(i))};
+        for (const char* option : {"--bind", "--publish"}) {
+            words.emplace_back(option);
+            words.push_back(endpoints_.size() > i ? (option[2] == 'b' ? endpoints_ : streams_)[i]
+                                                  : "tcp://127.0.0.1:0");
+        }
+        if (!endpoints_.empty())
+            words = with(std::move(words), {"--peer", endpoints_[i == 0 ? 1 : 0]});
+        Process process = start_program("fraja-broker", words);
+        const auto line = process.wait_for_words(Process::Stream::out, "listening ", patience);
+        REQUIRE(line.has_value());
+        if (endpoints_.size() == i) {
+            const auto stream_at = line->find(" stream ");
+            endpoints_.push_back(line->substr(10, stream_at - 10));
+            streams_.push_back(line->substr(stream_at + 8));
+            processes_.push_back(std::move(process));
+        } else {
+            processes_[i] = std::move(process);
+        }
+    }
+    void wait_for(std::size_t i, const std::string& words) {
+        REQUIRE(processes_[i].wait_for_words(Process::Stream::err, words, patience).has_value());
+    }
+    void kill(std::size_t i) {
+        processes_[i].send(SIGKILL);
+        (void)processes_[i].wait_for_exit(patience);
+    }
+    [[nodiscard]] Process& at(std::size_t i) { return processes_[i]; }
+    [[nodiscard]] const std::string& endpoint(std::size_t i) const { return endpoints_[i]; }
+
+private:
+    Scratch scratch_;
+    Words endpoints_, streams_;
+    std::deque<Process> processes_;
+};
+
+/// Knows the first broker alone; each of them has welcomed it.
+Process start_worker(Brokers& brokers, std::size_t count, const std::string& name) {
+    Process worker =
+        start_program("fraja-worker", {"-b", brokers.endpoint(0), "-j", "1", "--name", name});
+    for (std::size_t i = 0; i < count; ++i)
+        brokers.wait_for(i, "worker " + name + " is here");
+    return worker;
+}
+
+} // namespace
+
+TEST_CASE("any but one of several brokers may die in the middle of a job") {
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    for (const std::size_t count : {3u, 5u}) {
+        CAPTURE(count);
+        Brokers brokers(count);
+        Process one = start_worker(brokers, count, "one");
+        Process two = start_worker(brokers, count, "two");
+        Process client = start_program(
+            "fraja-submit",
+            with(long_picture(), {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
+        brokers.wait_for(0, "queued");
+        for (std::size_t dead = 0; dead + 1 < count; ++dead) {
+            brokers.kill(dead);
+            brokers.wait_for(dead + 1, "this broker leads");
+        }
+        INFO(brokers.at(count - 1).err());
+        INFO(client.err());
+        CHECK(client.wait_for_exit(patience) == 0);
+        CHECK((bytes_of(scratch.file("farm.png")) == want));
+    }
+}
+
+TEST_CASE("a broker that comes back is given all, and the next one may die") {
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    Brokers brokers(2);
+    Process worker = start_worker(brokers, 2, "one");
+    Process client = start_program(
+        "fraja-submit",
+        with(long_picture(), {"-b", brokers.endpoint(1), "-o", scratch.file("farm.png")}));
+    brokers.wait_for(0, "queued");
+    brokers.kill(0);
+    brokers.wait_for(1, "this broker leads");
+    brokers.start(0);
+    brokers.wait_for(0, "has all that the other brokers have");
+    brokers.wait_for(0, "worker one is here");
+    brokers.kill(1);
+    brokers.wait_for(0, "this broker leads");
+    INFO(brokers.at(0).err());
+    INFO(client.err());
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("farm.png")) == want));
+}
+
+TEST_CASE("fraja-ctl shows the brokers that were not named, and who leads") {
+    Brokers brokers(3);
+    const auto shown =
+        run({{program("fraja-ctl"), "-b", brokers.endpoint(2), "brokers"}}, patience);
+    REQUIRE(shown.has_value());
+    CHECK(shown->exit == 0);
+    INFO(shown->out);
+    for (std::size_t i = 0; i < 3; ++i)
+        CHECK(contains(shown->out, brokers.endpoint(i) + (i == 0 ? "  leads" : "  stands by")));
+}
