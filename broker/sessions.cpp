@@ -183,9 +183,10 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     if (credit != worker.credit)
         set_credit(peer, worker, credit);
 
-    membership_.learn(beat.term);
-    if (!is_alone())
+    if (!is_alone()) {
+        membership_.learn(beat.term);
         note_in_hand(peer, worker, beat);
+    }
     std::set<GrantKey> listed;
     std::uint64_t last_moved = 0;
     for (const TileInFlight& tile : beat.in_flight) {

@@ -33,7 +33,8 @@ public:
 
     /// With what it had kept before.
     void start(std::size_t i) {
-        Words words{"--heartbeat", "500ms", "--state", scratch_.file("broker" + std::to_string(i))};
+        Words words{"--heartbeat", instrumented ? "2s" : "500ms", "--state",
+                    scratch_.file("broker" + std::to_string(i))};
         for (const char* option : {"--bind", "--publish"}) {
             words.emplace_back(option);
             words.push_back(endpoints_.size() > i ? (option[2] == 'b' ? endpoints_ : streams_)[i]
@@ -84,6 +85,8 @@ TEST_CASE("any but one of several brokers may die in the middle of a job") {
     const Scratch scratch;
     const std::string want = local_picture(scratch, long_picture());
     for (const std::size_t count : {3u, 5u}) {
+        if (instrumented && count > 3)
+            break;
         CAPTURE(count);
         Brokers brokers(count);
         Process one = start_worker(brokers, count, "one");
