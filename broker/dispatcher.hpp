@@ -200,9 +200,20 @@ private:
     void fetch_scene(const ContentHash& scene, const BrokerId& from);
     void fetch_scenes_anew();
     void take_scene_chunk(const BrokerId& broker, const protocol::Chunk& chunk);
-    void discard(const JobId& job);
+    /// While one is there, what another broker has said is done: it is not said again.
+    class Following {
+    public:
+        explicit Following(bool& follows) : follows_(follows) { follows_ = true; }
+        ~Following() { follows_ = false; }
+        Following(const Following&) = delete;
+        Following& operator=(const Following&) = delete;
+
+    private:
+        bool& follows_;
+    };
 
     // takeover.cpp: who leads
+    [[nodiscard]] Duration gathering_time() const;
     void look_who_leads();
     void begin_to_lead();
     void end_gathering();
@@ -216,6 +227,7 @@ private:
     void on(const PeerSaid& event);
     void on(const PeerSpokeRubbish& event);
     void on(const PeerUnreachable& event);
+    [[nodiscard]] protocol::Welcome welcome(std::uint64_t incarnation) const;
     void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello);
     void welcome_client(const PeerId& peer, const protocol::ClientHello& hello);
     void from_worker(const PeerId& peer, WorkerSession& worker, const protocol::Message& message);
@@ -269,6 +281,7 @@ private:
     void end_job(Job& job, protocol::JobPhase phase, const std::string& reason,
                  protocol::FailureCode fault = protocol::FailureCode::machine);
     void forget(JobId id);
+    void discard(JobId id);
     [[nodiscard]] Job* job_of(const JobId& id);
 
     // control.cpp: what people want of jobs and workers, and what we want of workers that fail
@@ -455,18 +468,14 @@ private:
     std::vector<protocol::Member> told_members_; ///< the last that were told
     Instant next_company_{};
     std::optional<Instant> gathers_until_; ///< while workers say what they have in hand
-    bool follows_ = false;                 ///< what another broker has said: it is not said again
+    bool follows_ = false;                 ///< as long as a Following is there
     std::set<JobId> changed_jobs_;         ///< in this step
     struct Fetch {
         BrokerId from;
         Instant asked_at;
     };
     std::map<ContentHash, Fetch> fetches_; ///< of scenes, from other brokers
-    struct InHand {
-        std::uint32_t tiles = 0, workers = 0;
-    };
-    std::map<JobId, InHand> in_hand_; ///< of all workers
-    std::uint32_t parties_ = 0;       ///< that there ever were
+    std::uint32_t parties_ = 0;            ///< that there ever were
 
     Workers workers_;
     std::map<WorkerId, PeerId> peer_of_worker_;

@@ -145,6 +145,15 @@ void Job::open_by_blocks(const CellRect& cells, const Owner& owner) {
     }
 }
 
+void Job::assign(OpenTile& tile, const Assignment& assignment) {
+    tile.was_assigned = true;
+    tile.assignment = assignment;
+    ++in_flight_count_;
+    party_->add(assignment.peer);
+    work_in_flight_ += tile.work;
+    ++workers_[assignment.peer];
+}
+
 void Job::unassign(OpenTile& tile) {
     if (!tile.assignment)
         return;
@@ -362,14 +371,8 @@ OpenTileId Job::adopt(const Tile& tile, const Assignment& assignment) {
     }
     if (is_fixed())
         adopted_.insert(bit(tile, grid_.index(tile.cells)));
-    const OpenTileId id = open({.tile = tile,
-                                .work = costs_.work(tile.cells),
-                                .assignment = assignment,
-                                .was_assigned = true});
-    ++in_flight_count_;
-    party_->add(assignment.peer);
-    work_in_flight_ += open_.at(id).work;
-    ++workers_[assignment.peer];
+    const OpenTileId id = open({.tile = tile, .work = costs_.work(tile.cells)});
+    assign(open_.at(id), assignment);
     return id;
 }
 

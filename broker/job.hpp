@@ -81,6 +81,14 @@ public:
     [[nodiscard]] std::uint64_t done_hash() const { return done_hash_; }
     /// Nothing: it is none of this job.
     [[nodiscard]] std::optional<Tile> tile_at(std::uint32_t pass, const PixelRect& rect) const;
+    /// What such a message brings, whoever handed it out; nothing: it is no whole tile of this job.
+    [[nodiscard]] std::optional<Tile> tile_of(const auto& message) const {
+        const auto tile = tile_at(message.pass, message.rect);
+        const bool is_whole = tile && index(*tile) == message.tile &&
+                              byte_count(message.blobs) ==
+                                  message.rect.pixel_count() * submission_.settings.pixel_bytes();
+        return is_whole ? tile : std::nullopt;
+    }
     [[nodiscard]] const Tile& tile(OpenTileId id) const { return open_.at(id).tile; }
     /// Everything that is wanted: of a job whose time is up one pass.
     [[nodiscard]] bool all_done() const {
@@ -298,6 +306,7 @@ private:
     void push_pending(OpenTileId id);
     void erase_pending(OpenTileId id, const OpenTile& tile);
     void close(OpenTileId id);
+    void assign(OpenTile& tile, const Assignment& assignment);
     void unassign(OpenTile& tile);
     void plan();
     void open_undone(const protocol::CellRect& cells, const Owner& owner);

@@ -178,12 +178,7 @@ std::optional<Job::Handed> Job::assign_next(const Bidder& bidder) {
         close(id); // a late answer has brought it
     }
     OpenTile& tile = open_.at(id);
-    tile.was_assigned = true;
-    tile.assignment = Assignment{bidder.peer, bidder.attempt};
-    ++in_flight_count_;
-    party_->add(bidder.peer);
-    work_in_flight_ += tile.work;
-    ++workers_[bidder.peer];
+    assign(tile, {bidder.peer, bidder.attempt});
     return Handed{id, tile.tile, tile.work};
 }
 

@@ -281,7 +281,7 @@ void Dispatcher::give_up_scenes_that_do_not_come() {
          (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();) {
         Job& job = stuck->second;
         if (job.is_adopted) { // nobody was told that it is kept
-            discard(JobId(job.id()));
+            discard(job.id());
             continue;
         }
         give_up_scene(job, "its client did not send the scene");
@@ -472,14 +472,19 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, Fa
 }
 
 void Dispatcher::forget(JobId id) {
-    const Job& job = jobs_.at(id);
-    if (job.holds_scene)
-        blobs_.release(job.submission().scene);
-    if (job.is_kept)
+    if (jobs_.at(id).is_kept)
         persist(ForgetJob{id}, {.job = id});
     if (!follows_)
         tell_all(JobForgotten{id});
     bury(id);
+    discard(id);
+}
+
+/// Without a trace: of one that was never kept, it comes again from whoever has it.
+void Dispatcher::discard(JobId id) {
+    const Job& job = jobs_.at(id);
+    if (job.holds_scene)
+        blobs_.release(job.submission().scene);
     job_by_number_.erase(job.number());
     const FilmId film = job.submission().wishes.film;
     jobs_.erase(id);

@@ -80,17 +80,23 @@ Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
     return {};
 }
 
-/// The endpoint as sockets take it.
+/// As sockets take it.
+Result<void> complete_endpoint(const char* option, std::string& endpoint) {
+    auto whole = net::endpoint_to_connect(endpoint, net::broker_port);
+    if (!whole)
+        return Error{whole.error().code, std::string(option) + ": " + whole.error().message};
+    endpoint = std::move(*whole);
+    return {};
+}
+
 Result<void> complete_upstream(broker::Options& options) {
     broker::UpstreamOptions& upstream = options.upstream;
     if (upstream.broker.empty())
         return {};
-    const auto endpoint = net::endpoint_to_connect(upstream.broker, net::broker_port);
-    if (!endpoint)
-        return Error{endpoint.error().code, "--upstream: " + endpoint.error().message};
-    upstream.broker = *endpoint;
+    if (auto done = complete_endpoint("--upstream", upstream.broker); !done)
+        return done;
     if (const auto own = net::parse_endpoint(options.bind, net::broker_port);
-        own && net::to_string(*own) == *endpoint)
+        own && net::to_string(*own) == upstream.broker)
         return Error{ErrorCode::invalid_argument, "--upstream " + upstream.broker +
                                                       ": that is where this broker listens itself"};
     upstream.name = worker::default_worker_name();
@@ -102,18 +108,11 @@ Result<void> complete_upstream(broker::Options& options) {
 }
 
 Result<void> complete_peers(broker::Options& options) {
-    const auto complete = [](const char* option, std::string& endpoint) -> Result<void> {
-        auto whole = net::endpoint_to_connect(endpoint, net::broker_port);
-        if (!whole)
-            return Error{whole.error().code, std::string(option) + ": " + whole.error().message};
-        endpoint = std::move(*whole);
-        return {};
-    };
     for (std::string& peer : options.peers)
-        if (auto done = complete("--peer", peer); !done)
+        if (auto done = complete_endpoint("--peer", peer); !done)
             return done;
     if (!options.advertise.empty())
-        if (auto done = complete("--advertise", options.advertise); !done)
+        if (auto done = complete_endpoint("--advertise", options.advertise); !done)
             return done;
     if (!options.peers.empty() && !options.upstream.broker.empty())
         return Error{ErrorCode::invalid_argument,

@@ -20,7 +20,6 @@ bool Membership::meet(Instant now, const protocol::BrokerHello& hello) {
     peer.rank = {hello.started_at, hello.broker};
     peer.endpoint = hello.endpoint;
     peer.program_version = hello.program_version;
-    peer.keeps = hello.keeps;
     peer.heard_at = now;
     return was_gone;
 }
@@ -38,7 +37,6 @@ void Membership::hear(Instant now, const protocol::BrokerBeat& beat) {
     found->second.heard_at = now;
     found->second.is_synced = beat.is_synced;
     found->second.digest = beat.digest;
-    found->second.hears = beat.brokers;
 }
 
 void Membership::learn(const protocol::Term& term) {

@@ -34,11 +34,9 @@ public:
     struct Peer {
         Rank rank;
         std::string endpoint, program_version;
-        bool keeps = false;
         bool is_synced = false; ///< as it says
         Instant heard_at;
         std::uint64_t digest = 0;
-        std::vector<protocol::Member> hears; ///< itself included
     };
 
     /// `alone`: no others are known, so it need not look for any before it leads.

@@ -156,11 +156,10 @@ void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const M
     } else if (const auto* kept = std::get_if<JobKept>(&message)) {
         note_copy(broker, kept->job);
     } else if (const auto* gone = std::get_if<JobForgotten>(&message)) {
-        follows_ = true;
+        const Following following(follows_);
         if (job_of(gone->job))
             forget(gone->job);
         bury(gone->job);
-        follows_ = false;
     } else if (const auto* need = std::get_if<NeedChunk>(&message)) {
         if (auto chunk = blobs_.chunk(need->blob, need->offset_bytes))
             answer(route, std::move(*chunk));
@@ -174,9 +173,8 @@ void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const M
     } else if (const auto* done = std::get_if<RepairDone>(&message)) {
         repair_done(broker, *done);
     } else if (const auto* control = std::get_if<ControlWorker>(&message)) {
-        follows_ = true;
+        const Following following(follows_);
         control_worker({}, *control);
-        follows_ = false;
     } else if (!std::holds_alternative<Refused>(message)) {
         ++counters_.unexpected;
     }
@@ -226,7 +224,8 @@ void Dispatcher::keep_company() {
     wait_no_longer_for_silent_workers();
     note_who_is_here();
     forget_brokers_that_are_gone();
-    tell_of_brokers();
+    if (members() != told_members_)
+        tell_of_brokers();
 }
 
 void Dispatcher::note_who_is_here() {
@@ -336,14 +335,12 @@ std::vector<PeerState> Dispatcher::peer_states() const {
 }
 
 void Dispatcher::tell_of_brokers() {
-    if (std::vector<Member> now = members(); now != told_members_) {
-        told_members_ = std::move(now);
-        const Brokers brokers{term(), told_members_};
-        for (const auto& [peer, worker] : workers_)
-            send(peer, brokers);
-        for (const auto& [peer, client] : clients_)
-            send(peer, brokers);
-    }
+    told_members_ = members();
+    const Brokers brokers{term(), told_members_};
+    for (const auto& [peer, worker] : workers_)
+        send(peer, brokers);
+    for (const auto& [peer, client] : clients_)
+        send(peer, brokers);
 }
 
 } // namespace fraja::broker

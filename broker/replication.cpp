@@ -131,11 +131,8 @@ void Dispatcher::take_tile(const TileDone& done) {
     Job* job = job_of(done.job);
     if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene)
         return;
-    const auto tile = job->tile_at(done.pass, done.rect);
-    if (!tile || job->index(*tile) != done.tile ||
-        byte_count(done.blobs) !=
-            done.rect.pixel_count() * job->submission().settings.pixel_bytes() ||
-        job->all_cells_done(*tile))
+    const auto tile = job->tile_of(done);
+    if (!tile || job->all_cells_done(*tile))
         return;
     TileDone own = done;
     own.elapsed = std::max(own.elapsed, Duration{});
@@ -190,14 +187,12 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
              .text = "no copy of job " + s.job_name + " is kept here: " + room.error().message});
         return;
     }
-    follows_ = true;
-    if (is_over(record.phase)) {
+    if (const Following following(follows_); is_over(record.phase)) {
         for (const JobId& id : *room)
             forget(id);
     } else {
         make_room(*room, s);
     }
-    follows_ = false;
     fresh.holds_scene = !is_over(record.phase);
     Job& job = jobs_.emplace(s.job, std::move(fresh)).first->second;
     job.join(party_of(job));
@@ -239,17 +234,14 @@ void Dispatcher::settle(Job& job) {
         return fetch_scene(job.submission().scene, word.revision.broker);
     const JobRecord record = std::move(*job.awaited);
     job.awaited.reset();
-    follows_ = true;
     follow(job, record);
-    follows_ = false;
 }
 
 void Dispatcher::follow(Job& job, const JobRecord& record) {
     job.revision = record.revision;
-    if (job.phase == JobPhase::done && record.phase != JobPhase::done) {
-        follows_ = false; // it has all that can be: the others are told
-        return note_change(job);
-    }
+    if (job.phase == JobPhase::done && record.phase != JobPhase::done)
+        return note_change(job); // it has all that can be: the others are told
+    const Following following(follows_);
     if (job.priority != record.priority)
         set_priority(job, record.priority);
     if (job.number() != record.number)
@@ -349,7 +341,7 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
     }
     if (job.is_adopted) {
         const JobRecord record = job.awaited.value_or(record_of(job));
-        follows_ = true;
+        const Following following(follows_);
         if (is_over(job.phase)) {
             job.over_at = now_ - std::max(record.over_for, Duration{});
             job.acknowledged_at = *job.over_at - std::max(record.elapsed, Duration{});
@@ -359,7 +351,6 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
         } else {
             job.acknowledged_at = now_ - std::max(record.elapsed, Duration{});
         }
-        follows_ = false;
     } else if (!is_over(job.phase) && job.copies.empty() && !membership_.here(now_).empty()) {
         log({.level = LogLevel::warning,
              .kind = "kept_alone",
@@ -372,19 +363,6 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
     for (const BrokerId& broker : std::exchange(job.waiting_for_copy, {}))
         tell(broker, JobKept{job.id()});
     settle(job);
-}
-
-/// It never was kept, and comes again with the next comparison.
-void Dispatcher::discard(const JobId& id) {
-    const auto found = jobs_.find(id);
-    const Job& job = found->second;
-    if (job.holds_scene)
-        blobs_.release(job.submission().scene);
-    job_by_number_.erase(job.number());
-    const FilmId film = job.submission().wishes.film;
-    jobs_.erase(found);
-    if (const auto party = films_.find(film); party != films_.end() && party->second.expired())
-        films_.erase(party);
 }
 
 // ------------------------------------------------------------------------------------ scenes

@@ -76,6 +76,19 @@ void Dispatcher::on(const PeerSaid& event) {
         refuse(peer, RefusalCode::unknown_peer, "say hello first");
 }
 
+/// `incarnation`: of the hello, if it was a worker's.
+Welcome Dispatcher::welcome(std::uint64_t incarnation) const {
+    return {.broker = identity_.broker,
+            .epoch = term().counter,
+            .heartbeat = limits_.heartbeat,
+            .liveness = limits_.liveness,
+            .stream = identity_.stream,
+            .program_version = std::string(fraja::version),
+            .incarnation = incarnation,
+            .term = term(),
+            .brokers = members()};
+}
+
 void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     const auto too_long = [](const std::string& name) { return name.size() > name_bytes_max; };
     if (hello.threads == 0 || hello.credit > credit_max || too_long(hello.worker_name) ||
@@ -106,7 +119,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     if (hello.speed_rays_per_s > 0)
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
     if (!is_alone())
-        worker.tells_by = now_ + from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
+        worker.tells_by = now_ + gathering_time();
     set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
     ++counters_.workers_welcomed;
@@ -116,9 +129,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
          .text = "worker " + hello.worker_name + " is here: " + counted(hello.threads, "thread") +
                  ", credit " + std::to_string(hello.credit) + ", version " +
                  hello.program_version});
-    send(peer, Welcome{identity_.broker, term().counter, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version), hello.incarnation, term(),
-                       members()});
+    send(peer, welcome(hello.incarnation));
     if (!is_alone())
         send(peer, Brokers{term(), members()}); // it answers with what it has in hand
 }
@@ -133,8 +144,7 @@ void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
         return turn_away(peer, RefusalCode::limit_exceeded,
                          "this broker takes " + std::to_string(limits_.clients_max) + " clients");
     clients_[peer] = ClientSession{hello.client_name, now_};
-    send(peer, Welcome{identity_.broker, term().counter, limits_.heartbeat, limits_.liveness,
-                       identity_.stream, std::string(fraja::version), 0, term(), members()});
+    send(peer, welcome(0));
 }
 
 void Dispatcher::from_worker(const PeerId& peer, WorkerSession& worker, const Message& message) {
@@ -214,7 +224,6 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
 void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {
     const PeerId peer = worker->first;
     set_credit(peer, worker->second, 0);
-    note_in_hand(peer, worker->second, {});
     WorkerSession session = std::move(worker->second);
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);

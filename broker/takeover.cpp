@@ -11,6 +11,10 @@ namespace fraja::broker {
 
 using namespace protocol;
 
+Duration Dispatcher::gathering_time() const {
+    return from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
+}
+
 void Dispatcher::look_who_leads() {
     switch (membership_.update(now_)) {
     case Membership::Change::begins_to_lead:
@@ -34,19 +38,15 @@ void Dispatcher::look_who_leads() {
 void Dispatcher::begin_to_lead() {
     if (is_alone())
         return;
-    gathers_until_ = now_ + from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
+    gathers_until_ = now_ + gathering_time();
     log({.level = LogLevel::info,
          .kind = "leads",
          .subject = {},
          .text = "this broker leads: it hands out the tiles (term " +
                  std::to_string(term().counter) + ")"});
-    const Brokers brokers{term(), members()};
-    for (auto& [peer, worker] : workers_) {
+    for (auto& [peer, worker] : workers_)
         set_tells_by(peer, worker, gathers_until_);
-        send(peer, brokers);
-    }
-    for (const auto& [peer, client] : clients_)
-        send(peer, brokers);
+    tell_of_brokers();
 }
 
 void Dispatcher::end_gathering() {
@@ -99,21 +99,7 @@ void Dispatcher::stop_leading() {
 
 /// What it has in hand, by its own word.
 void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
-    const auto count = [this](const std::vector<TileInFlight>& tiles, auto change) {
-        std::set<JobId> jobs;
-        for (const TileInFlight& tile : tiles)
-            if (!tile.rect.empty()) {
-                change(in_hand_[tile.job].tiles);
-                if (jobs.insert(tile.job).second)
-                    change(in_hand_[tile.job].workers);
-            }
-        return jobs;
-    };
-    for (const JobId& job : count(worker.in_hand, [](std::uint32_t& n) { --n; }))
-        if (in_hand_.at(job).tiles == 0)
-            in_hand_.erase(job);
     worker.in_hand = beat.in_flight;
-    (void)count(worker.in_hand, [](std::uint32_t& n) { ++n; });
     if (!worker.tells_by || beat.term < term())
         return;
     if (deals_out())
@@ -163,10 +149,8 @@ void Dispatcher::take_witnessed(const std::string& worker_name, const TileRender
     if (!job || answer.rect.empty() || is_over(job->phase) ||
         job->phase == JobPhase::waiting_for_scene)
         return;
-    const auto tile = job->tile_at(answer.pass, answer.rect);
-    if (!tile || job->index(*tile) != answer.tile ||
-        byte_count(answer.blobs) !=
-            answer.rect.pixel_count() * job->submission().settings.pixel_bytes())
+    const auto tile = job->tile_of(answer);
+    if (!tile)
         return;
     if (job->all_cells_done(*tile)) {
         ++counters_.answers_unneeded;

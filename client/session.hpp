@@ -37,8 +37,6 @@ public:
     [[nodiscard]] bool is_open() const { return open_; }
     [[nodiscard]] const protocol::Welcome& welcome() const { return welcome_; } ///< the last one
     [[nodiscard]] const std::string& broker() const { return options_.brokers[broker_]; }
-    /// Those that are tried: those that were given, and others that stand for them.
-    [[nodiscard]] const std::vector<std::string>& brokers() const { return options_.brokers; }
     [[nodiscard]] Outcome failure() const { return failure_; }
 
     /// Whether a lost broker is looked for without end: when there is a job that goes on meanwhile.
