@@ -86,6 +86,8 @@ void Dispatcher::stop_leading() {
          .text = "this broker leads no more: another one does (term " +
                  std::to_string(term().counter) + ")"});
     for (auto& [peer, worker] : workers_) {
+        if (is_alone()) // a worker has told of a later term: it does not tell again what it has
+            continue;
         worker.grants.clear();
         update_load(peer, worker);
     }

@@ -561,7 +561,8 @@ private:
                    .phase = state.phase,
                    .done_count = 0,
                    .published = {}};
-        FRAJA_ASSERT(state.epoch == epoch_ && state.settings == job.settings);
+        // A worker's beat may tell of a later term.
+        FRAJA_ASSERT(state.epoch >= epoch_ && state.settings == job.settings);
         FRAJA_ASSERT(state.done_count >= job.done_count && state.done_count <= state.cell_count);
         // What failed or was cancelled may be tried again.
         FRAJA_ASSERT(job.phase != JobPhase::done || state.phase == job.phase);
