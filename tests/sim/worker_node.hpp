@@ -43,6 +43,7 @@ private:
     void render(worker::StartTile&& tile);
     void end_tile(const worker::StartTile& tile, Duration time, double rays);
     [[nodiscard]] std::vector<Blob> answer(const worker::StartTile& tile) const;
+    [[nodiscard]] bool lies_about(const worker::StartTile& tile) const;
     [[nodiscard]] double rays_of(const worker::StartTile& tile) const;
     [[nodiscard]] std::vector<float> probe(const worker::StartTile& tile) const;
 
