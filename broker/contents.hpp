@@ -20,6 +20,9 @@ struct StoredTile {
     PixelRect rect;
     protocol::Rays rays;
     Duration elapsed{};
+    WorkerId worker{}; ///< zero: one of an earlier version tells nothing of that
+    std::string worker_name{};
+    ContentHash pixels{};
     friend bool operator==(const StoredTile&, const StoredTile&) = default;
 };
 
@@ -33,6 +36,8 @@ struct StoredJob {
     Duration age{};                   ///< since it was submitted; 0 where clocks say less
     std::optional<Duration> over_for; ///< since it ended, if it has; 0 where clocks say less
     std::vector<StoredTile> tiles;    ///< by index
+    protocol::CheckCounts checks{};   ///< as the phase came with
+    std::vector<protocol::Distrusted> distrusted{};
 };
 
 struct StoredBlob {

@@ -251,6 +251,7 @@ void Dispatcher::undrain(WorkerSession& worker) {
     worker.drained = false;
     worker.quarantined_until.reset();
     worker.failures.clear();
+    worker.distrusted.clear();
 }
 
 /// For when it comes back. Of several processes of that name, which may have been started one after
@@ -289,6 +290,28 @@ void Dispatcher::count_machine_failure(const PeerId& peer, WorkerSession& worker
          .text = "worker " + worker.hello.worker_name + " has failed " +
                  counted(worker.failures.size(), "tile") + ": it gets none for " +
                  format_duration(limits_.quarantine_window)});
+}
+
+/// Gets nothing any more, even if it is the last one: no picture is better than a wrong one.
+void Dispatcher::give_no_more(const PeerId& peer, WorkerSession& worker, const std::string& why) {
+    if (!worker.distrusted.empty())
+        return;
+    change_room(peer, worker, [&] { worker.distrusted = why; });
+    ++counters_.workers_distrusted;
+    log({.level = LogLevel::error,
+         .kind = "worker_distrusted",
+         .subject = worker.hello.worker_name,
+         .text = "worker " + worker.hello.worker_name + " " + to_string(worker.hello.worker) +
+                 " answers wrong pixels (" + why +
+                 "): it gets no tiles until somebody takes it back (fraja-ctl undrain)"});
+    std::vector<GrantKey> keys;
+    for (const auto& [key, grant] : worker.grants)
+        keys.push_back(key);
+    for (const GrantKey& key : keys) {
+        const Grant grant = worker.grants.at(key);
+        cancel_grant(peer, key);
+        (void)take_back(key, grant, false, worker, "its pixels are wrong");
+    }
 }
 
 void Dispatcher::end_quarantines() {

@@ -250,6 +250,21 @@ void CostMap::learn(const CellRect& cells, double work) {
     sum_up(cells);
 }
 
+/// In the spots' own proportions, so that what a pixel of them costs stays.
+void CostMap::undo(const CellRect& cells) {
+    for_each_spot(cells, [&](std::size_t index, double pixels) {
+        Spot& spot = spots_[index];
+        const double undone = std::min(pixels, spot.done_pixels);
+        if (undone <= 0)
+            return;
+        spot.done_work *= (spot.done_pixels - undone) / spot.done_pixels;
+        spot.done_pixels -= undone;
+        spot.left_pixels += undone;
+        done_pixels_ -= undone;
+    });
+    sum_up(cells);
+}
+
 // -------------------------------------------------------------------------------------------- work
 
 double CostMap::work(const CellRect& cells) const {

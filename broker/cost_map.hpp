@@ -60,6 +60,8 @@ public:
     void take_probe(const std::vector<double>& rays);
     /// Cells are done, for the first time, and were so much work.
     void learn(const protocol::CellRect& cells, double work);
+    /// Cells that were done are not: what they cost is still as it was found.
+    void undo(const protocol::CellRect& cells);
 
     /// Nothing is known but how many pixels there are.
     [[nodiscard]] bool is_blank() const { return !probed_ && done_pixels_ == 0; }

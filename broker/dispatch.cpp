@@ -54,7 +54,8 @@ double Dispatcher::speed_of(const WorkerSession& worker) const {
 
 /// Takes note of whether the job has something to give, and of how much.
 void Dispatcher::look_ready(const Job& job) {
-    ready_.update(job, job.may_run() && (job.has_pending() || job.probe == Job::Probe::wanted));
+    ready_.update(job, job.may_run() && (job.has_pending() || job.probe == Job::Probe::wanted ||
+                                         job.checks().has_pending()));
 }
 
 void Dispatcher::dispatch() {
@@ -190,6 +191,7 @@ bool Dispatcher::has_others(const Job& job, std::span<const WorkerId> failed_on)
     return std::ranges::any_of(workers_, [&](const auto& entry) {
         const WorkerSession& worker = entry.second;
         return worker.room() > 0 && has_tags(worker, job.submission().wishes) &&
+               !job.distrusts(worker.hello.worker) &&
                std::ranges::find(failed_on, worker.hello.worker) == failed_on.end();
     });
 }
@@ -218,7 +220,9 @@ bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
 }
 
 bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
-    return grant_probe(peer, worker, job) || grant_tile(peer, worker, job);
+    return !job.distrusts(worker.hello.worker) &&
+           (grant_probe(peer, worker, job) || grant_check(peer, worker, job) ||
+            grant_tile(peer, worker, job));
 }
 
 /// The side of a probe's squares: so large that it is no burden, or as was ordered. Nothing where

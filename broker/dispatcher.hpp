@@ -39,6 +39,7 @@ public:
         Duration unix_offset{};           ///< since 1970, at Instant{}
         std::string endpoint{};           ///< where others reach it; empty: that is not known
         std::vector<std::string> peers{}; ///< endpoints of brokers that stand for this one
+        std::uint64_t check_key = 0; ///< decides which tiles are checked; workers do not know it
     };
 
     Dispatcher(Identity identity, Limits limits);
@@ -78,7 +79,8 @@ private:
     };
     /// A tile at a worker. It takes up credit until the worker answers, also when it is cancelled.
     struct Grant {
-        OpenTileId id{};              ///< none: it is a probe of the job's picture
+        OpenTileId id{}; ///< none: a check, or a probe of the job's picture
+        CheckId check{};
         std::uint32_t probe_side = 0; ///< then
         Tile tile{};
         double work = 0; ///< that it is thought to be
@@ -106,6 +108,7 @@ private:
         bool drained = false;         ///< on somebody's word
         std::deque<Instant> failures; ///< within the window
         std::optional<Instant> quarantined_until;
+        std::string distrusted; ///< why it gets nothing: its pixels are wrong; empty: they are not
         std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
         std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
@@ -114,7 +117,7 @@ private:
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
-            return drained || quarantined_until || tells_by ? 0 : credit;
+            return drained || quarantined_until || !distrusted.empty() || tells_by ? 0 : credit;
         }
     };
     struct ClientSession {
@@ -221,7 +224,7 @@ private:
     void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
-    void take_witnessed(const std::string& worker_name, const protocol::TileRendered& answer);
+    void take_witnessed(const protocol::WorkerHello& worker, const protocol::TileRendered& answer);
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
@@ -296,6 +299,7 @@ private:
     static void undrain(WorkerSession& worker);
     void undrain_absent(const PeerId& peer, const std::string& what);
     void count_machine_failure(const PeerId& peer, WorkerSession& worker);
+    void give_no_more(const PeerId& peer, WorkerSession& worker, const std::string& why);
     void end_quarantines();
 
     // dispatch.cpp: who gets it
@@ -384,6 +388,12 @@ private:
     void tile_failed(const PeerId& peer, WorkerSession& worker, const protocol::TileFailed& answer);
     [[nodiscard]] bool is_fault_of_scene(Job& job, const WorkerSession& worker) const;
     void learn_speed(WorkerSession& worker, double rays, Duration elapsed);
+    struct Rendered {
+        Duration elapsed{};
+        double work = 0;
+    };
+    Rendered count_rendered(Job& job, WorkerSession& worker, const Grant& grant,
+                            const protocol::TileRendered& answer);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
     void take_result(Job& job, OpenTileId id, const Tile& tile, double work,
@@ -399,6 +409,22 @@ private:
     void note_overtaken(WorkerSession& worker, std::uint64_t number);
     void take_back_stuck_tiles();
     void end_jobs_whose_time_is_up();
+
+    // trust.cpp: tiles that are drawn twice, and workers whose pixels are wrong
+    [[nodiscard]] bool is_to_be_checked(const Job& job, const Tile& tile) const;
+    void want_check(Job& job, const Tile& tile, const protocol::TileDone& result);
+    [[nodiscard]] Checks::HasOthers others_for(const Job& job) const;
+    bool grant_check(const PeerId& peer, WorkerSession& worker, Job& job);
+    void check_rendered(Job& job, WorkerSession& worker, const Grant& grant, AttemptNumber attempt,
+                        const protocol::TileRendered& answer);
+    void end_if_done(Job& job);
+    void end_jobs_without_checkers();
+    [[nodiscard]] std::optional<std::string> contest(const Job& job) const;
+    void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
+    void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);
+    void void_tiles(Job& job, const protocol::Distrusted& who);
+    bool take_distrusted(Job& job, const std::vector<protocol::Distrusted>& theirs);
+    void recall_distrust(WorkerSession& worker) const;
 
     // keeping.cpp: what is kept
     void on(const Restored& event);

@@ -35,10 +35,11 @@ void Dispatcher::count_jobs(Figures& all) const {
 void Dispatcher::count_workers(Figures& all) const {
     for (const auto& [peer, worker] : workers_) {
         const bool is_draining = worker.drained || worker.credit == 0;
-        ++(worker.quarantined_until ? all.workers_quarantined
-           : is_draining            ? all.workers_draining
-           : worker.grants.empty()  ? all.workers_idle
-                                    : all.workers_busy);
+        ++(!worker.distrusted.empty() ? all.workers_distrusted
+           : worker.quarantined_until ? all.workers_quarantined
+           : is_draining              ? all.workers_draining
+           : worker.grants.empty()    ? all.workers_idle
+                                      : all.workers_busy);
         all.credit += worker.room();
         all.tiles_in_flight += worker.grants.size();
     }

@@ -22,10 +22,14 @@ struct Counters {
     std::uint64_t workers_quarantined = 0;
     std::uint64_t tiles_failed = 0; ///< failures that count against their tile
     std::uint64_t tiles_requeued = 0;
-    std::uint64_t tiles_overbooked = 0; ///< given out once more, as they took long
-    std::uint64_t answers_unneeded = 0; ///< somebody else was first
+    std::uint64_t tiles_overbooked = 0;   ///< given out once more, as they took long
+    std::uint64_t answers_unneeded = 0;   ///< somebody else was first
+    std::uint64_t answers_distrusted = 0; ///< of workers whose pixels are wrong
+    std::uint64_t workers_distrusted = 0;
+    std::uint64_t tiles_unchecked = 0; ///< that were to be, but there was no second worker
     // what went well
-    std::uint64_t tiles_sent = 0; ///< again and again, if need be
+    std::uint64_t tiles_checked = 0; ///< that two workers drew, and both the same
+    std::uint64_t tiles_sent = 0;    ///< again and again, if need be
     std::uint64_t tiles_done = 0;
     std::uint64_t workers_welcomed = 0;
     std::uint64_t jobs_acknowledged = 0, jobs_done = 0, jobs_failed = 0, jobs_cancelled = 0;
@@ -48,7 +52,7 @@ struct Figures {
     // Each worker is one of these.
     std::uint64_t workers_idle = 0, workers_busy = 0;
     std::uint64_t workers_draining = 0; ///< or drained: they get nothing more
-    std::uint64_t workers_quarantined = 0;
+    std::uint64_t workers_quarantined = 0, workers_distrusted = 0;
     std::uint64_t threads = 0; ///< of those that may be given something
     std::uint64_t credit = 0;  ///< tiles these may have in all
     std::uint64_t tiles_in_flight = 0;
@@ -70,7 +74,8 @@ struct Figures {
         return count;
     }
     [[nodiscard]] std::uint64_t workers() const {
-        return workers_idle + workers_busy + workers_draining + workers_quarantined;
+        return workers_idle + workers_busy + workers_draining + workers_quarantined +
+               workers_distrusted;
     }
 };
 

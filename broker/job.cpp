@@ -275,7 +275,8 @@ std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double w
     results_pixels_ += rect(tile).pixel_count();
     rays_ += result->rays;
     render_time_ += std::min(result->elapsed, Duration::max() - render_time_);
-    results_.push_back({tile, std::move(result), came_at});
+    const WorkerId worker = result->worker;
+    results_.push_back({tile, std::move(result), came_at, worker});
 
     std::vector<OpenTileId> over;
     const auto answered = open_.find(id);
@@ -308,6 +309,8 @@ bool Job::restore(const StoredTile& stored) {
     if (!cells || stored.pass >= passes_ || index({stored.pass, *cells}) != stored.tile)
         return false;
     const Tile tile{stored.pass, *cells};
+    if (distrusts(stored.worker))
+        return false;
     const std::uint64_t fresh = mark_done(tile, static_cast<double>(stored.rays.total()));
     if (fresh == 0)
         return false;
@@ -315,7 +318,7 @@ bool Job::restore(const StoredTile& stored) {
     results_pixels_ += stored.rect.pixel_count();
     rays_ += stored.rays;
     render_time_ += std::clamp(stored.elapsed, Duration::zero(), Duration::max() - render_time_);
-    results_.push_back({tile, nullptr, {}});
+    results_.push_back({tile, nullptr, {}, stored.worker});
     return true;
 }
 
@@ -381,6 +384,8 @@ std::vector<Job::Unwanted> Job::drop_unfinished() {
     for (const auto& [id, tile] : open_)
         if (tile.assignment)
             unwanted.push_back({tile.tile, *tile.assignment, id});
+    for (const Checks::Unwanted& check : checks_.take_all_back())
+        unwanted.push_back({check.tile, check.assignment});
     fresh_ = fresh_end_;
     adopted_.clear();
     open_.clear();
@@ -425,6 +430,14 @@ std::string described(const Job& job) {
            to_string(job.id());
 }
 
+std::string described(const Job& job, const Tile& tile) {
+    const PixelRect r = job.rect(tile);
+    return "job #" + std::to_string(job.number()) + ", tile " +
+           std::to_string(static_cast<std::uint32_t>(job.index(tile))) + " (" +
+           std::to_string(r.x) + "," + std::to_string(r.y) + " " + std::to_string(r.width) + "x" +
+           std::to_string(r.height) + ")";
+}
+
 std::uint64_t Job::promised_bytes() const {
     const protocol::PictureSettings& s = submission_.settings;
     return passes_ * (s.crop.pixel_count() * s.pixel_bytes() + grid_.count() * tile_overhead_bytes);
@@ -465,7 +478,10 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun
             .render_time = render_time_,
             .elapsed = acknowledged_at ? over_at.value_or(now) - *acknowledged_at : Duration{},
             .film = submission_.wishes.film,
-            .frame = submission_.wishes.frame};
+            .frame = submission_.wishes.frame,
+            .checks = checks_.counts(),
+            .distrusted = distrusted_,
+            .verify = submission_.wishes.verify};
 }
 
 } // namespace fraja::broker

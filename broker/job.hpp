@@ -2,6 +2,7 @@
 // Pixels are bytes here.
 #pragma once
 
+#include "broker/checks.hpp"
 #include "broker/contents.hpp"
 #include "broker/cost_map.hpp"
 #include "broker/events.hpp"
@@ -22,6 +23,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace fraja::broker {
@@ -29,22 +31,10 @@ namespace fraja::broker {
 /// Names an open tile, one that is not done, within its job.
 enum class OpenTileId : std::uint64_t { none = 0 };
 
-/// Where an open tile is: the job's side of a grant.
-struct Assignment {
-    PeerId peer;
-    AttemptNumber attempt{};
-};
-
-/// What is handed out: cells of one pass.
-struct Tile {
-    std::uint32_t pass = 0;
-    protocol::CellRect cells;
-    friend bool operator==(const Tile&, const Tile&) = default;
-};
-
 /// Every cell of every pass is done, or lies in a tile that is pending or assigned to a worker;
-/// done is for ever. A tile that takes long may be given out again in parts: then these and the
-/// whole are open together, and whoever is first is right.
+/// done is for ever, unless its worker turns out to answer wrong pixels. A tile that takes long may
+/// be given out again in parts: then these and the whole are open together, and whoever is first is
+/// right.
 class Job {
 public:
     Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client);
@@ -204,6 +194,8 @@ public:
         Tile tile;
         std::shared_ptr<const protocol::TileDone> pixels;
         Instant came_at{};
+        WorkerId worker{};
+        bool is_void = false; ///< that worker is distrusted
     };
     [[nodiscard]] const std::vector<Result>& results() const { return results_; }
     void release_pixels(std::size_t result) { results_.at(result).pixels.reset(); }
@@ -220,7 +212,7 @@ public:
         std::uint32_t left = 0;
         bool going = true;
         for (const Result& result : results_) {
-            if (grid_.all_of(result.tile.cells, [&](std::uint64_t cell) {
+            if (result.is_void || grid_.all_of(result.tile.cells, [&](std::uint64_t cell) {
                     return have.test(result.tile.pass * grid_.count() + cell);
                 }))
                 continue;
@@ -234,6 +226,40 @@ public:
     [[nodiscard]] std::uint64_t promised_bytes() const;
     /// The same, or if it is over of those that it has.
     [[nodiscard]] std::uint64_t stored_bytes() const;
+
+    // ------------------------------------------------------------------------------------ checks
+    [[nodiscard]] const Checks& checks() const { return checks_; }
+    void set_check_counts(const protocol::CheckCounts& counts) { checks_.set_counts(counts); }
+    /// None is wanted any more. After drop_unfinished().
+    void drop_checks() { checks_.clear(); }
+    /// A tile that has come, or was restored, is to be checked.
+    void want_check(const Tile& tile, Checks::Answer first);
+    /// Takes one of the checks for that worker and assigns it.
+    [[nodiscard]] std::optional<std::pair<CheckId, Tile>>
+    assign_check(const WorkerId& worker, const std::string& name, const Assignment& assignment,
+                 const Checks::HasOthers& has_others);
+    [[nodiscard]] bool check_assigned_as(CheckId id, AttemptNumber attempt) const;
+    /// One that is assigned is pending again.
+    void take_back_check(CheckId id, const std::optional<WorkerId>& failed_on);
+    /// As Checks::answer, of one that is assigned.
+    [[nodiscard]] std::vector<WorkerId> answer_check(CheckId id, Checks::Answer answer);
+    std::uint32_t give_up_checks(const Checks::HasOthers& has_others) {
+        return checks_.give_up(has_others);
+    }
+
+    [[nodiscard]] const std::vector<protocol::Distrusted>& distrusted() const {
+        return distrusted_;
+    }
+    [[nodiscard]] bool distrusts(const WorkerId& worker) const;
+    /// Some of what is done was drawn by it.
+    [[nodiscard]] bool has_tiles_of(const WorkerId& worker) const;
+    struct Voided {
+        std::vector<Tile> tiles;        ///< that do not count any more
+        std::vector<Unwanted> unwanted; ///< checks of these
+    };
+    /// What that worker has drawn does not count any more, nor will it: it is pending again, unless
+    /// the job is over. Not one that is distrusted already.
+    [[nodiscard]] Voided distrust(const protocol::Distrusted& worker);
 
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
@@ -322,6 +348,10 @@ private:
     [[nodiscard]] double rank_of(const protocol::CellRect& cells, double work) const;
     void rank_anew();
     std::uint64_t mark_done(const Tile& tile, double work);
+    void undo(const std::vector<Tile>& tiles);
+    void open_again(const Tile& tile);
+    void count_check(const PeerId& peer);
+    void uncount_check(const PeerId& peer);
 
     protocol::SubmitJob submission_;
     std::uint32_t number_;
@@ -356,11 +386,14 @@ private:
     std::uint64_t done_count_ = 0, results_pixels_ = 0, done_hash_ = 0;
     std::set<std::size_t> adopted_; ///< bits of fixed tiles that are not fresh, as others gave them
     std::size_t ranked_at_ = 0;     ///< results when pending tiles were last ranked
+    Checks checks_;
+    std::vector<protocol::Distrusted> distrusted_;
     protocol::Rays rays_;
     Duration render_time_{};
 };
 
 /// For the log.
 [[nodiscard]] std::string described(const Job& job);
+[[nodiscard]] std::string described(const Job& job, const Tile& tile);
 
 } // namespace fraja::broker

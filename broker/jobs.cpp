@@ -437,6 +437,8 @@ void Dispatcher::end_jobs_whose_time_is_up() {
 /// An order is no more after that.
 void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, FailureCode fault) {
     const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
+    if (phase == JobPhase::done)
+        job.drop_checks();
     job.phase = phase;
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;

@@ -62,7 +62,8 @@ void Dispatcher::keep_job(Job& job) {
 void Dispatcher::keep_phase(Job& job) {
     note_change(job);
     if (job.is_kept)
-        persist(PutPhase{job.id(), job.phase, job.reason, state_of(job).elapsed, job.revision},
+        persist(PutPhase{job.id(), job.phase, job.reason, state_of(job).elapsed, job.revision,
+                         job.checks().counts()},
                 {.job = job.id()});
 }
 
@@ -122,6 +123,8 @@ JobState Dispatcher::state_of(const Job& job) const {
         state.reason = std::string(clipped(no_tagged_worker(job.submission().wishes.tags), 500));
     else if (job.may_run() && workers_with_credit_ == 0)
         state.reason = no_able_worker;
+    else if (const auto contested = job.may_run() ? contest(job) : std::nullopt)
+        state.reason = std::string(clipped(*contested, 500));
     else if (job.may_run() && gives_way(job))
         state.reason = others_first;
     else if (job.may_run() && job.time_is_up())
@@ -170,8 +173,16 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     job.phase =
         stored.phase == JobPhase::paused || is_over(stored.phase) ? stored.phase : JobPhase::queued;
     job.reason = stored.reason;
+    for (const Distrusted& who : stored.distrusted)
+        (void)job.distrust(who);
+    if (is_over(stored.phase))
+        job.set_check_counts(stored.checks);
     for (const StoredTile& tile : stored.tiles)
-        (void)job.restore(tile);
+        if (job.restore(tile) && stored.phase != JobPhase::done) {
+            const Tile& restored = job.results().back().tile;
+            if (is_to_be_checked(job, restored))
+                job.want_check(restored, {tile.worker, tile.worker_name, tile.pixels});
+        }
     const Duration over_for = stored.over_for.value_or(Duration::zero());
     // Of a job that was at it when its broker died nobody knows how long that took.
     const Duration elapsed = is_over(stored.phase) ? stored.elapsed : stored.age;
@@ -190,7 +201,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");
     job.holds_scene = true;
     bring_scene(scene->first, Blob(scene->second));
-    if (job.all_done())
+    if (job.all_done() && job.checks().empty())
         return end_job(job, JobPhase::done, "");
     if (job.results().empty())
         want_probe(job);

@@ -45,7 +45,9 @@ struct Limits {
     std::size_t farm_workers_max = 1'000;    ///< in a FarmState
     std::size_t farm_tags_bytes_max = 200;   ///< of a worker in a FarmState: the first of its tags
     std::size_t farm_version_bytes_max = 64; ///< of a worker in a FarmState
-    std::size_t farm_reason_bytes_max = 500; ///< of a job in a FarmState, which is one frame
+    std::size_t farm_distrusted_max = 1;     ///< of a job in a FarmState: the first of them
+    std::size_t farm_distrust_bytes_max = 100; ///< of a worker in a FarmState: of why
+    std::size_t farm_reason_bytes_max = 500;   ///< of a job in a FarmState, which is one frame
 
     // A worker that failed so many tiles within the window gets none for as long.
     std::uint32_t quarantine_failures = 3;

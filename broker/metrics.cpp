@@ -78,7 +78,8 @@ void add_workers(Families& all, const Figures& f) {
                {{"idle", f.workers_idle},
                 {"busy", f.workers_busy},
                 {"draining", f.workers_draining},
-                {"quarantined", f.workers_quarantined}});
+                {"quarantined", f.workers_quarantined},
+                {"distrusted", f.workers_distrusted}});
     all.gauge("threads", "Render threads of the workers that may be given tiles.", f.threads);
     all.gauge("credit_tiles", "Tiles that the workers take at once, in all.", f.credit);
     all.counter("workers_welcomed_total", "Hellos of workers that were welcomed.",
@@ -87,6 +88,8 @@ void add_workers(Families& all, const Figures& f) {
                 f.counters.workers_lost);
     all.counter("workers_quarantined_total", "Times that a worker had failed too often.",
                 f.counters.workers_quarantined);
+    all.counter("workers_distrusted_total", "Workers that were found to answer wrong pixels.",
+                f.counters.workers_distrusted);
 }
 
 void add_jobs(Families& all, const Figures& f) {
@@ -127,6 +130,13 @@ void add_tiles(Families& all, const Figures& f) {
                 c.tiles_overbooked);
     all.counter("tiles_duplicated_total", "Answers that came after somebody else's.",
                 c.answers_unneeded);
+    all.counter("tiles_checked_total", "Tiles that two workers drew, and both the same.",
+                c.tiles_checked);
+    all.counter("tiles_unchecked_total",
+                "Tiles that were to be checked, and for which there was no second worker.",
+                c.tiles_unchecked);
+    all.counter("tiles_distrusted_total", "Answers of workers that are distrusted.",
+                c.answers_distrusted);
     all.counter("tiles_stale_total", "Answers that nobody waited for.", c.stale_answers);
     all.counters("rays_total", "Rays traced for the tiles that are done, by kind.", "kind",
                  {{"camera", c.rays.camera},

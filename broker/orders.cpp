@@ -67,7 +67,8 @@ void Dispatcher::end_order(Job& job, JobPhase phase, FailureCode fault) {
     if (phase == JobPhase::done) {
         OrderFilled filled{job.id(), {}, {}, job.rays(), job.render_time()};
         for (const Job::Result& result : job.results())
-            filled.parts.push_back(result.pixels);
+            if (!result.is_void)
+                filled.parts.push_back(result.pixels);
         actions_->push_back(std::move(filled));
     } else if (phase == JobPhase::failed) {
         actions_->push_back(OrderFailed{job.id(), fault, job.reason});

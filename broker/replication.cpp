@@ -4,6 +4,7 @@
 #include "broker/submission.hpp"
 #include "common/base/rng.hpp"
 #include "common/base/text.hpp"
+#include "common/protocol/limits.hpp"
 #include "common/protocol/passes.hpp"
 
 #include <algorithm>
@@ -65,7 +66,9 @@ JobRecord Dispatcher::record_of(const Job& job) const {
             .done_count = static_cast<std::uint32_t>(job.done_count()),
             .age = now_ - job.submitted_at,
             .elapsed = state.elapsed,
-            .over_for = job.over_at ? now_ - *job.over_at : Duration{}};
+            .over_for = job.over_at ? now_ - *job.over_at : Duration{},
+            .checks = job.checks().counts(),
+            .distrusted = job.distrusted()};
 }
 
 /// Of what is wanted of the job, or has become of it.
@@ -132,7 +135,7 @@ void Dispatcher::take_tile(const TileDone& done) {
     if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene)
         return;
     const auto tile = job->tile_of(done);
-    if (!tile || job->all_cells_done(*tile))
+    if (!tile || job->distrusts(done.worker) || job->all_cells_done(*tile))
         return;
     TileDone own = done;
     own.elapsed = std::max(own.elapsed, Duration{});
@@ -156,8 +159,12 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         job->waiting_for_copy.insert(broker);
     else
         tell(broker, JobKept{id});
-    if (!(newest_word(*job) < record.revision))
+    const bool is_news = take_distrusted(*job, record.distrusted);
+    if (!(newest_word(*job) < record.revision)) {
+        if (is_news) // others may have what was known here before
+            note_change(*job);
         return;
+    }
     job->awaited = record;
     settle(*job);
 }
@@ -170,7 +177,8 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
     const bool is_full = is_over(record.phase)
                              ? static_cast<std::size_t>(over) >= limits_.finished_jobs_max
                              : objection_to_one_more().has_value();
-    if (is_full || fault_of(s) || record.passes == 0 || record.passes > pass_count(s.settings))
+    if (is_full || fault_of(s) || record.distrusted.size() > distrusted_max || record.passes == 0 ||
+        record.passes > pass_count(s.settings))
         return;
     Job fresh(s, record.number, {});
     fresh.set_passes(record.passes);
@@ -197,6 +205,11 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
     Job& job = jobs_.emplace(s.job, std::move(fresh)).first->second;
     job.join(party_of(job));
     job.is_adopted = true;
+    for (const Distrusted& who : record.distrusted)
+        if (!job.distrusts(who.worker))
+            (void)job.distrust(who);
+    if (is_over(record.phase))
+        job.set_check_counts(record.checks);
     job.priority = record.priority;
     job.revision = record.phase == JobPhase::done ? Revision{} : record.revision;
     job.submitted_at = now_ - std::max(record.age, Duration{});
@@ -235,6 +248,8 @@ void Dispatcher::settle(Job& job) {
     const JobRecord record = std::move(*job.awaited);
     job.awaited.reset();
     follow(job, record);
+    if (job.distrusted().size() > record.distrusted.size()) // what its teller does not know
+        note_change(job);
 }
 
 void Dispatcher::follow(Job& job, const JobRecord& record) {
@@ -250,6 +265,7 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
         if (is_over(job.phase) && job.phase == record.phase)
             return;
         job.over_at.reset();
+        job.set_check_counts(record.checks);
         end_job(job, record.phase, record.reason);
         job.over_at = now_ - std::max(record.over_for, Duration{});
         job.acknowledged_at = *job.over_at - std::max(record.elapsed, Duration{});

@@ -116,6 +116,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
     worker.heard_at = now_;
     worker.credit = 0;
     recall(worker);
+    recall_distrust(worker);
     if (hello.speed_rays_per_s > 0)
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
     if (!is_alone())
@@ -256,7 +257,8 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
 /// A process that is cut off for a while comes back by another connection: what was said of it and
 /// what it did still count then.
 void Dispatcher::remember(WorkerSession session, Blames blamed) {
-    if (!session.drained && session.failures.empty() && blamed.empty())
+    if (!session.drained && session.failures.empty() && session.distrusted.empty() &&
+        blamed.empty())
         return;
     if (absent_.size() >= limits_.workers_max)
         absent_.erase(std::ranges::min_element(
@@ -275,6 +277,7 @@ void Dispatcher::recall(WorkerSession& worker) {
     worker.drained = found->second.session.drained;
     worker.failures = std::move(found->second.session.failures);
     worker.quarantined_until = found->second.session.quarantined_until;
+    worker.distrusted = found->second.session.distrusted;
     for (const auto& [id, tile] : found->second.blamed)
         if (Job* job = job_of(id))
             job->forgive(tile, worker.hello.worker);

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <map>
 #include <memory>
 #include <optional>
@@ -32,6 +33,14 @@ Duration since_1970() {
 std::uint64_t new_epoch() {
     return static_cast<std::uint64_t>(
         std::chrono::duration_cast<std::chrono::microseconds>(since_1970()).count());
+}
+
+std::uint64_t random_number() {
+    const auto bytes = random_id<Nonce>().bytes;
+    std::uint64_t parts[2];
+    static_assert(sizeof parts == bytes.size());
+    std::memcpy(parts, bytes.data(), sizeof parts);
+    return parts[0] ^ parts[1];
 }
 
 std::uint64_t packet_bytes(const protocol::Packet& packet) {
@@ -92,7 +101,8 @@ public:
                        .started_at = net::now(),
                        .unix_offset = since_1970() - (net::now() - Instant{}),
                        .endpoint = endpoint_for_others(options, router_.endpoint()),
-                       .peers = options.peers},
+                       .peers = options.peers,
+                       .check_key = random_number()},
                       options.limits),
           next_report_(options.on_report ? Instant{} : Instant::never()) {
         if (!options.upstream.broker.empty())

@@ -109,6 +109,10 @@ std::int64_t Database::last_row_id() const {
     return sqlite3_last_insert_rowid(handle_.get());
 }
 
+std::int64_t Database::change_count() const {
+    return sqlite3_changes64(handle_.get());
+}
+
 bool Database::in_transaction() const {
     return sqlite3_get_autocommit(handle_.get()) == 0;
 }

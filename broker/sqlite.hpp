@@ -42,6 +42,8 @@ public:
     void set_untouched(bool untouched);
 
     [[nodiscard]] std::int64_t last_row_id() const;
+    /// Rows that the last INSERT, UPDATE or DELETE has changed.
+    [[nodiscard]] std::int64_t change_count() const;
     [[nodiscard]] bool in_transaction() const;
     [[nodiscard]] std::filesystem::path file() const;
 

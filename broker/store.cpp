@@ -20,8 +20,16 @@ std::uint64_t payload_bytes(const PutBlob& blob) {
 std::uint64_t payload_bytes(const PutTile& tile) {
     return byte_count(tile.tile->blobs);
 }
+std::uint64_t payload_bytes(const PutDistrusted& put) {
+    return put.tiles.size() * sizeof(PutDistrusted::Tile);
+}
 std::uint64_t payload_bytes(const auto&) {
     return 0;
+}
+
+/// Tiles of one number may differ in size: the whole, and its first part.
+std::int64_t extent_of(const Extent& size) {
+    return static_cast<std::int64_t>(std::uint64_t{size.width} << 32 | size.height);
 }
 
 /// SQLite has no larger numbers.
@@ -44,13 +52,15 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
       drop_pieces_(database_, "DELETE FROM pieces WHERE blob IN (SELECT id FROM blobs "
                               "WHERE hash NOT IN (SELECT scene FROM jobs))"),
       drop_blobs_(database_, "DELETE FROM blobs WHERE hash NOT IN (SELECT scene FROM jobs)"),
-      put_job_(database_,
-               "INSERT INTO jobs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, '', 0, ?8, NULL, ?9, ?10) "
-               "ON CONFLICT DO NOTHING"),
+      put_job_(
+          database_,
+          "INSERT INTO jobs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, '', 0, ?8, NULL, ?9, ?10, 0, 0) "
+          "ON CONFLICT DO NOTHING"),
       raise_number_(database_, "UPDATE farm SET last_number = max(last_number, ?1)"),
       set_phase_(database_, "UPDATE jobs SET phase = ?2, reason = ?3, elapsed = ?4, "
                             "over_at = CASE WHEN ?5 THEN coalesce(over_at, ?6) END, "
-                            "revision = ?7, revised_by = ?8 WHERE job = ?1"),
+                            "revision = ?7, revised_by = ?8, agreed = ?9, unchecked = ?10 "
+                            "WHERE job = ?1"),
       set_priority_(database_, "UPDATE jobs SET priority = ?2, revision = ?3, revised_by = ?4 "
                                "WHERE job = ?1"),
       set_number_(database_, "UPDATE jobs SET number = ?2, revision = ?3, revised_by = ?4 "
@@ -63,6 +73,12 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
       drop_pixels_(database_,
                    "DELETE FROM pixels WHERE id IN (SELECT pixels FROM tiles WHERE job = ?1)"),
       drop_tiles_(database_, "DELETE FROM tiles WHERE job = ?1"),
+      put_distrusted_(database_, "INSERT INTO distrusted SELECT ?1, ?2, ?3, ?4 WHERE EXISTS "
+                                 "(SELECT 1 FROM jobs WHERE job = ?1) ON CONFLICT DO NOTHING"),
+      drop_pixels_of_tile_(database_, "DELETE FROM pixels WHERE id IN (SELECT pixels FROM tiles "
+                                      "WHERE job = ?1 AND tile = ?2 AND extent = ?3)"),
+      drop_tile_(database_, "DELETE FROM tiles WHERE job = ?1 AND tile = ?2 AND extent = ?3"),
+      drop_distrusted_(database_, "DELETE FROM distrusted WHERE job = ?1"),
       put_tombstone_(database_, "INSERT INTO tombstones (job, forgotten_at) VALUES (?1, ?2) "
                                 "ON CONFLICT DO NOTHING"),
       drop_tombstone_(database_, "DELETE FROM tombstones WHERE job = ?1"),
@@ -202,9 +218,7 @@ Result<void> Store::put(const PutTile& put) {
     FRAJA_ASSERT(put.tile);
     const protocol::TileDone& tile = *put.tile;
     const auto index = static_cast<std::int64_t>(tile.tile);
-    // Tiles of one number may differ in size: the whole, and its first part.
-    const auto extent =
-        static_cast<std::int64_t>(std::uint64_t{tile.rect.width} << 32 | tile.rect.height);
+    const auto extent = extent_of({tile.rect.width, tile.rect.height});
     {
         Rows rows = tile_is_new_.query(key_of(tile.job), index, extent);
         const auto is_new = rows.next();
@@ -225,7 +239,25 @@ Result<void> Store::put(const PutPhase& put) {
     return set_phase_.run(key_of(put.job), static_cast<std::int64_t>(put.phase),
                           std::string_view(put.reason), put.elapsed.count(),
                           std::int64_t{protocol::is_over(put.phase)}, now(),
-                          counter_of(put.revision), key_of(put.revision.broker));
+                          counter_of(put.revision), key_of(put.revision.broker), put.checks.agreed,
+                          put.checks.unchecked);
+}
+
+/// One that comes twice may have been followed by a tile that somebody else has drawn.
+Result<void> Store::put(const PutDistrusted& put) {
+    const auto job = key_of(put.job);
+    const auto named = put_distrusted_.run(job, key_of(put.worker.worker),
+                                           std::string_view(put.worker.worker_name),
+                                           std::string_view(put.worker.reason));
+    if (!named || database_.change_count() == 0)
+        return named;
+    for (const PutDistrusted::Tile& tile : put.tiles)
+        for (Statement* drop : {&drop_pixels_of_tile_, &drop_tile_})
+            if (const auto done =
+                    drop->run(job, static_cast<std::int64_t>(tile.tile), extent_of(tile.size));
+                !done)
+                return done;
+    return {};
 }
 
 Result<void> Store::put(const PutPriority& put) {
@@ -249,7 +281,7 @@ Result<void> Store::put(const ForgetJob& forget) {
 
 Result<void> Store::bury(const JobId& job) {
     const auto key = key_of(job);
-    for (Statement* drop : {&drop_pixels_, &drop_tiles_, &drop_job_})
+    for (Statement* drop : {&drop_pixels_, &drop_tiles_, &drop_distrusted_, &drop_job_})
         if (const auto done = drop->run(key); !done)
             return done;
     if (const auto done = put_tombstone_.run(key, now()); !done)

@@ -63,8 +63,12 @@ StoreReader::StoreReader(Database database, WallClock wall_clock)
     : database_(std::move(database)), wall_clock_(std::move(wall_clock)),
       begin_(database_, "BEGIN"), commit_(database_, "COMMIT"),
       jobs_(database_, "SELECT submission, number, passes, priority, phase, reason, elapsed, "
-                       "submitted_at, over_at, revision, revised_by FROM jobs ORDER BY number"),
-      all_tiles_(database_, "SELECT job, tile, body FROM tiles ORDER BY job, tile, extent"),
+                       "submitted_at, over_at, revision, revised_by, agreed, unchecked "
+                       "FROM jobs ORDER BY number"),
+      all_tiles_(database_,
+                 "SELECT job, tile, body, pixels_hash FROM tiles ORDER BY job, tile, extent"),
+      distrusted_(database_, "SELECT job, worker, worker_name, reason FROM distrusted "
+                             "ORDER BY job, worker"),
       blobs_(database_, "SELECT hash, size FROM blobs ORDER BY hash"),
       tombstones_(database_, "SELECT job, forgotten_at FROM tombstones ORDER BY id"),
       last_number_(database_, "SELECT last_number FROM farm"),
@@ -101,8 +105,8 @@ Result<Contents> StoreReader::read() {
 Result<Contents> StoreReader::read_all() {
     Contents contents;
     for (const auto part :
-         {&StoreReader::read_jobs, &StoreReader::read_tiles, &StoreReader::read_blobs,
-          &StoreReader::read_tombstones, &StoreReader::read_last_number})
+         {&StoreReader::read_jobs, &StoreReader::read_tiles, &StoreReader::read_distrusted,
+          &StoreReader::read_blobs, &StoreReader::read_tombstones, &StoreReader::read_last_number})
         if (const auto done = (this->*part)(contents); !done)
             return done.error();
     return contents;
@@ -124,7 +128,9 @@ Result<void> StoreReader::read_jobs(Contents& contents) {
         job.age = since(rows.integer(7));
         if (!rows.is_null(8))
             job.over_for = since(rows.integer(8));
-        if (!read_number(rows, 9, job.revision.counter) || !read_key(rows, 10, job.revision.broker))
+        if (!read_number(rows, 9, job.revision.counter) ||
+            !read_key(rows, 10, job.revision.broker) || !read_number(rows, 11, job.checks.agreed) ||
+            !read_number(rows, 12, job.checks.unchecked))
             return "job " + to_string(job.submission.job);
         contents.jobs.push_back(std::move(job));
         return {};
@@ -141,15 +147,36 @@ Result<void> StoreReader::read_tiles(Contents& contents) {
         const auto tile = protocol::decode_kept<protocol::TileDone>(rows.bytes(2));
         if (!tile)
             return tile.error().message;
+        ContentHash pixels;
         if (!read_key(rows, 0, id) || !read_number(rows, 1, index) || !jobs.contains(id) ||
-            tile->job != id || tile->tile != TileIndex{index})
+            tile->job != id || tile->tile != TileIndex{index} || !read_key(rows, 3, pixels))
             return "a tile of job " + to_string(id);
         jobs[id]->tiles.push_back({.tile = tile->tile,
                                    .frame = tile->frame,
                                    .pass = tile->pass,
                                    .rect = tile->rect,
                                    .rays = tile->rays,
-                                   .elapsed = tile->elapsed});
+                                   .elapsed = tile->elapsed,
+                                   .worker = tile->worker,
+                                   .worker_name = tile->worker_name,
+                                   .pixels = pixels});
+        return {};
+    });
+}
+
+Result<void> StoreReader::read_distrusted(Contents& contents) {
+    std::map<JobId, StoredJob*> jobs;
+    for (StoredJob& job : contents.jobs)
+        jobs[job.submission.job] = &job;
+    return for_each_row(database_, distrusted_.query(), [&](const Rows& rows) -> std::string {
+        JobId id;
+        protocol::Distrusted distrusted;
+        if (!read_key(rows, 0, id) || !read_key(rows, 1, distrusted.worker) || !jobs.contains(id) ||
+            jobs[id]->distrusted.size() >= protocol::distrusted_max)
+            return "a distrusted worker of job " + to_string(id);
+        distrusted.worker_name = rows.text(2);
+        distrusted.reason = rows.text(3);
+        jobs[id]->distrusted.push_back(std::move(distrusted));
         return {};
     });
 }

@@ -42,6 +42,7 @@ private:
     [[nodiscard]] Result<Contents> read_all();
     [[nodiscard]] Result<void> read_jobs(Contents& contents);
     [[nodiscard]] Result<void> read_tiles(Contents& contents);
+    [[nodiscard]] Result<void> read_distrusted(Contents& contents);
     [[nodiscard]] Result<void> read_blobs(Contents& contents);
     [[nodiscard]] Result<void> read_tombstones(Contents& contents);
     [[nodiscard]] Result<void> read_last_number(Contents& contents);
@@ -53,7 +54,7 @@ private:
     Database database_;
     WallClock wall_clock_;
     Statement begin_, commit_;
-    Statement jobs_, all_tiles_, blobs_, tombstones_, last_number_;
+    Statement jobs_, all_tiles_, distrusted_, blobs_, tombstones_, last_number_;
     Statement tile_, blob_size_, pieces_;
 };
 

@@ -25,7 +25,12 @@ CREATE TABLE jobs (
     submission BLOB NOT NULL, scene BLOB NOT NULL, priority INTEGER NOT NULL,
     phase INTEGER NOT NULL, reason TEXT NOT NULL, elapsed INTEGER NOT NULL,
     submitted_at INTEGER NOT NULL, over_at INTEGER,
-    revision INTEGER NOT NULL, revised_by BLOB NOT NULL
+    revision INTEGER NOT NULL, revised_by BLOB NOT NULL,
+    agreed INTEGER NOT NULL DEFAULT 0, unchecked INTEGER NOT NULL DEFAULT 0
+) STRICT, WITHOUT ROWID;
+CREATE TABLE distrusted (
+    job BLOB NOT NULL, worker BLOB NOT NULL, worker_name TEXT NOT NULL, reason TEXT NOT NULL,
+    PRIMARY KEY (job, worker)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX jobs_by_scene ON jobs (scene);
 CREATE TABLE tiles (
@@ -50,6 +55,19 @@ ALTER TABLE jobs ADD COLUMN revision INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN revised_by BLOB NOT NULL
     DEFAULT x'00000000000000000000000000000000';
 PRAGMA user_version = 2;
+COMMIT;
+)";
+
+// One that compared no tiles.
+constexpr const char* from_version_2 = R"(
+BEGIN IMMEDIATE;
+ALTER TABLE jobs ADD COLUMN agreed INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE jobs ADD COLUMN unchecked INTEGER NOT NULL DEFAULT 0;
+CREATE TABLE distrusted (
+    job BLOB NOT NULL, worker BLOB NOT NULL, worker_name TEXT NOT NULL, reason TEXT NOT NULL,
+    PRIMARY KEY (job, worker)
+) STRICT, WITHOUT ROWID;
+PRAGMA user_version = 3;
 COMMIT;
 )";
 
@@ -98,7 +116,7 @@ Result<void> check_is_database(const fs::path& file) {
     return {};
 }
 
-enum class Origin { ours, earlier, fresh };
+enum class Origin { ours, version_1, version_2, fresh };
 
 /// Whether it is a store that this broker knows, or one in which nothing is yet: made a moment ago,
 /// or by a broker that was killed at once.
@@ -123,7 +141,9 @@ Result<Origin> origin_of(Database& database) {
                          std::to_string(*version) + ", this one knows " +
                          std::to_string(store_version) + "): use that one, or another --state"};
     if (*version == 1 && *things > 0)
-        return Origin::earlier;
+        return Origin::version_1;
+    if (*version == 2 && *things > 0)
+        return Origin::version_2;
     if (*version != store_version || *things == 0)
         return damaged(database.file(), "store version " + std::to_string(*version));
     return Origin::ours;
@@ -175,8 +195,11 @@ Result<Database> open_store_file(const fs::path& file) {
         return ready.error();
     if (const auto log = use_log(*database); !log)
         return log.error();
-    if (*origin == Origin::earlier)
+    if (*origin == Origin::version_1)
         if (const auto made = database->execute(from_version_1); !made)
+            return made.error();
+    if (*origin == Origin::version_1 || *origin == Origin::version_2)
+        if (const auto made = database->execute(from_version_2); !made)
             return made.error();
     if (const auto set = database->execute(settings); !set)
         return set.error();

@@ -48,6 +48,10 @@ void Dispatcher::publish_digests() {
 JobState Dispatcher::brief_state(const Job& job) const {
     JobState state = state_of(job);
     state.reason = std::string(clipped(state.reason, limits_.farm_reason_bytes_max));
+    if (state.distrusted.size() > limits_.farm_distrusted_max)
+        state.distrusted.resize(limits_.farm_distrusted_max);
+    for (Distrusted& who : state.distrusted)
+        who.reason.clear();
     return state;
 }
 
@@ -63,13 +67,15 @@ WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
             .rays = worker.rays,
             .draining = worker.drained || worker.credit == 0,
             .quarantined = quarantined ? *worker.quarantined_until - now_ : Duration{},
-            .tags = worker.hello.tags};
+            .tags = worker.hello.tags,
+            .distrusted = worker.distrusted};
 }
 
 WorkerState Dispatcher::brief_state(const WorkerSession& worker) const {
     WorkerState state = worker_state(worker);
     state.program_version =
         std::string(clipped(state.program_version, limits_.farm_version_bytes_max));
+    state.distrusted = std::string(clipped(state.distrusted, limits_.farm_distrust_bytes_max));
     std::size_t bytes = 0;
     const auto beyond = std::ranges::find_if(state.tags, [&](const std::string& tag) {
         return (bytes += tag.size()) > limits_.farm_tags_bytes_max;
@@ -102,7 +108,9 @@ protocol::BrokerState Dispatcher::broker_state() const {
             .tiles_overbooked = c.tiles_overbooked,
             .workers_lost = c.workers_lost,
             .rays = c.rays,
-            .render_time = c.render_time};
+            .render_time = c.render_time,
+            .tiles_checked = c.tiles_checked,
+            .workers_distrusted = c.workers_distrusted};
 }
 
 void Dispatcher::publish_farm_state() {

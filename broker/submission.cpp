@@ -20,6 +20,17 @@ bool is_tag(const std::string& tag) {
     return !tag.empty() && tag.size() <= name_bytes_max;
 }
 
+std::optional<std::string> fault_of_checks(const SubmitJob& s) {
+    const double verify = s.wishes.verify;
+    if (!(verify >= 0 && verify <= 1))
+        return "the share of tiles to be checked is 0 to 1";
+    if (verify > 0 && s.settings.limited_in_time())
+        return "a picture with a time limit is not checked: its time is for drawing";
+    if (verify > 0 && s.wishes.workers_max == 1)
+        return "it takes two workers at least to check tiles";
+    return std::nullopt;
+}
+
 std::optional<std::string> fault_of_frame(const SubmitJob& s) {
     const Wishes& wishes = s.wishes;
     if ((wishes.film == FilmId{}) != (wishes.frame == 0))
@@ -59,6 +70,8 @@ std::optional<std::string> fault_of(const SubmitJob& s) {
                std::to_string(name_bytes_max) + " bytes";
     if (s.wishes.schedule != Schedule::demand && s.settings.limited_in_time())
         return "a picture with a time limit is dealt out on demand";
+    if (const auto fault = fault_of_checks(s))
+        return fault;
     return fault_of_frame(s);
 }
 

@@ -75,7 +75,7 @@ void Dispatcher::end_gathering() {
     for (const auto& [id, job] : jobs_)
         look_ready(job);
     for (const JobId& id : done)
-        end_job(jobs_.at(id), JobPhase::done, "");
+        end_if_done(jobs_.at(id));
 }
 
 void Dispatcher::stop_leading() {
@@ -144,7 +144,7 @@ void Dispatcher::wait_no_longer_for_silent_workers() {
 }
 
 /// A tile that another broker has handed out: workers answer all.
-void Dispatcher::take_witnessed(const std::string& worker_name, const TileRendered& answer) {
+void Dispatcher::take_witnessed(const WorkerHello& worker, const TileRendered& answer) {
     Job* job = job_of(answer.job);
     if (!job || answer.rect.empty() || is_over(job->phase) ||
         job->phase == JobPhase::waiting_for_scene)
@@ -164,9 +164,10 @@ void Dispatcher::take_witnessed(const std::string& worker_name, const TileRender
                                                     .frame = job->submission().wishes.frame,
                                                     .pass = answer.pass,
                                                     .rect = answer.rect,
-                                                    .worker_name = worker_name,
+                                                    .worker_name = worker.worker_name,
                                                     .rays = answer.rays,
                                                     .elapsed = std::max(answer.elapsed, Duration{}),
+                                                    .worker = worker.worker,
                                                     .blobs = answer.blobs}));
 }
 

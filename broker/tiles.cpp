@@ -14,14 +14,6 @@ using namespace protocol;
 
 namespace {
 
-std::string described(const Job& job, const Tile& tile) {
-    const PixelRect r = job.rect(tile);
-    return "job #" + std::to_string(job.number()) + ", tile " +
-           std::to_string(static_cast<std::uint32_t>(job.index(tile))) + " (" +
-           std::to_string(r.x) + "," + std::to_string(r.y) + " " + std::to_string(r.width) + "x" +
-           std::to_string(r.height) + ")";
-}
-
 // Of a tile that takes longer than was thought: so much longer again, of the time that it is late.
 constexpr double late_share = 0.5;
 
@@ -91,14 +83,22 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
     Job* job = job_of(answer.job);
+    if (!worker.distrusted.empty() || (job && job->distrusts(worker.hello.worker))) {
+        ++counters_.answers_distrusted;
+        if (grant)
+            (void)take_back(key, *grant, false, worker, "its pixels are wrong");
+        return;
+    }
     if (!is_alone() && (!grant || (grant->adopted && grant->id == OpenTileId::none)))
-        return take_witnessed(worker.hello.worker_name, answer);
+        return take_witnessed(worker.hello, answer);
     if (!grant || !job || is_over(job->phase)) {
         ++counters_.stale_answers;
         return;
     }
-    const bool is_probe = grant->id == OpenTileId::none;
-    if (is_probe ? job->probe != Job::Probe::in_flight : job->all_cells_done(grant->tile)) {
+    const bool is_check = grant->check != CheckId::none;
+    const bool is_probe = grant->id == OpenTileId::none && !is_check;
+    if (is_probe ? job->probe != Job::Probe::in_flight
+                 : !is_check && job->all_cells_done(grant->tile)) {
         ++counters_.answers_unneeded;
         return;
     }
@@ -118,6 +118,8 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
         return fill_probe(*job, answer);
     if (is_probe)
         return take_probe(*job, answer, grant->probe_side);
+    if (is_check)
+        return check_rendered(*job, worker, *grant, answer.attempt, answer);
     accept(*job, worker, *grant, answer);
 }
 
@@ -167,9 +169,23 @@ void Dispatcher::learn_speed(WorkerSession& worker, double rays, Duration elapse
 }
 
 /// The worker cannot have rendered for longer than it has had the tile.
+Dispatcher::Rendered Dispatcher::count_rendered(Job& job, WorkerSession& worker, const Grant& grant,
+                                                const TileRendered& answer) {
+    const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), now_ - grant.granted_at);
+    ++worker.tiles_done;
+    worker.rays += answer.rays;
+    counters_.rays += answer.rays;
+    counters_.render_time += std::min(elapsed, Duration::max() - counters_.render_time);
+    const auto rays = static_cast<double>(answer.rays.total());
+    learn_speed(worker, rays, elapsed);
+    job.set_worth_of_rays(worth_of_rays_);
+    return {elapsed, seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays};
+}
+
 void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                         const TileRendered& answer) {
-    const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), now_ - grant.granted_at);
+    const auto [elapsed, work] = count_rendered(job, worker, grant, answer);
+    ++counters_.tiles_done;
     auto result = std::make_shared<TileDone>(TileDone{.job = job.id(),
                                                       .tile = answer.tile,
                                                       .frame = job.submission().wishes.frame,
@@ -178,17 +194,8 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                                                       .worker_name = worker.hello.worker_name,
                                                       .rays = answer.rays,
                                                       .elapsed = elapsed,
+                                                      .worker = worker.hello.worker,
                                                       .blobs = answer.blobs});
-    ++worker.tiles_done;
-    ++counters_.tiles_done;
-    worker.rays += answer.rays;
-    counters_.rays += answer.rays;
-    counters_.render_time += std::min(elapsed, Duration::max() - counters_.render_time);
-    const auto rays = static_cast<double>(answer.rays.total());
-    learn_speed(worker, rays, elapsed);
-    job.set_worth_of_rays(worth_of_rays_);
-    const double work = seconds(elapsed) > 0 ? seconds(elapsed) * speed_of(worker) : rays;
-
     take_result(job, grant.id, grant.tile, work, std::move(result));
 }
 
@@ -197,13 +204,14 @@ void Dispatcher::take_result(Job& job, OpenTileId id, const Tile& tile, double w
                              std::shared_ptr<const TileDone> result) {
     cancel_unwanted(job, job.finish(id, tile, work, result, now_));
     keep_newest_result(job);
+    want_check(job, tile, *result);
     if (subscribed_jobs_.contains(job.id()))
         actions_->push_back(Publish{job_topic(job.id()), *result});
     look_ready(job);
     if (job.awaited)
         settle(job);
-    else if (deals_out() && job.all_done() && !is_over(job.phase))
-        end_job(job, JobPhase::done, "");
+    else
+        end_if_done(job);
 }
 
 void Dispatcher::cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted) {
@@ -255,6 +263,15 @@ bool Dispatcher::take_back(const GrantKey& key, const Grant& grant, bool counts,
     Job* job = job_of(key.job);
     if (!job || is_over(job->phase))
         return false;
+    if (grant.check != CheckId::none) {
+        if (!job->check_assigned_as(grant.check, key.attempt))
+            return false;
+        job->take_back_check(grant.check,
+                             counts ? std::optional(worker.hello.worker) : std::nullopt);
+        look_ready(*job);
+        end_if_done(*job);
+        return false;
+    }
     if (grant.id == OpenTileId::none) {
         take_back_probe(*job, counts, why);
         return false;

@@ -7,6 +7,7 @@
 #include "common/base/bytes.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
+#include "common/base/pixel_rect.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <cstdint>
@@ -40,6 +41,18 @@ struct PutPhase {
     std::string reason;
     Duration elapsed{};
     protocol::Revision revision{};
+    protocol::CheckCounts checks{};
+};
+/// These tiles of the job go, which that worker has drawn. It is named from now on.
+struct PutDistrusted {
+    JobId job;
+    protocol::Distrusted worker;
+    struct Tile {
+        TileIndex tile{};
+        Extent size;
+    };
+    std::vector<Tile> tiles;
+    protocol::Revision revision{};
 };
 struct PutPriority {
     JobId job;
@@ -57,7 +70,8 @@ struct ForgetJob {
     JobId job;
 };
 
-using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutPriority, PutNumber, ForgetJob>;
+using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutDistrusted, PutPriority,
+                           PutNumber, ForgetJob>;
 
 /// What a write takes in memory, about.
 [[nodiscard]] std::uint64_t size_bytes(const Write& write);

@@ -46,6 +46,11 @@ struct TileArrived {
     protocol::TileDone tile;
     std::uint32_t cell_count = 0; ///< of its job
 };
+/// These pixels do not count any more: they come again.
+struct TilesWithdrawn {
+    std::vector<PixelRect> rects;
+    std::string worker_name; ///< that answers wrong ones; empty: a broker that knew them has died
+};
 /// The job as the broker sees it now. Older states that come late are not shown.
 struct StateChanged {
     protocol::JobState state;
@@ -64,8 +69,8 @@ struct Finished {
     Outcome outcome;
 };
 
-using News =
-    std::variant<Accepted, TileArrived, StateChanged, FarmChanged, ConnectionChanged, Finished>;
+using News = std::variant<Accepted, TileArrived, TilesWithdrawn, StateChanged, FarmChanged,
+                          ConnectionChanged, Finished>;
 
 // ---------------------------------------------------------------------------------------- actions
 

@@ -46,6 +46,9 @@ public:
             job = changed->state;
         else if (const auto* tile = std::get_if<TileArrived>(&news))
             picture->place(tile->tile, tile->cell_count);
+        else if (const auto* withdrawn = std::get_if<TilesWithdrawn>(&news))
+            for (const PixelRect& rect : withdrawn->rects)
+                picture->withdraw(rect);
     }
     std::optional<protocol::JobState> job;
     std::optional<Picture> picture;

@@ -42,6 +42,8 @@ Nonce make_nonce(Rng& rng) {
 bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
     if (next.epoch != last.epoch)
         return next.epoch > last.epoch;
+    if (next.distrusted.size() != last.distrusted.size()) // it only grows; what is done need not
+        return next.distrusted.size() > last.distrusted.size();
     if (is_over(last.phase)) // for ever, or until it is tried again: then its time goes on
         return last.phase != protocol::JobPhase::done && next.elapsed > last.elapsed;
     if (next.phase == protocol::JobPhase::waiting_for_scene) // as no job does again
@@ -84,6 +86,7 @@ bool Follower::is_sound(const protocol::JobState& state) {
            state.cell_count ==
                (is_cut ? grid_of(state).count() * protocol::pass_count(state.settings) : 0) &&
            state.done_count <= state.cell_count &&
+           state.distrusted.size() <= protocol::distrusted_max &&
            (state.phase != protocol::JobPhase::done || is_cut) &&
            state.elapsed >= Duration::zero() && state.elapsed <= elapsed_max;
 }
@@ -150,12 +153,17 @@ void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Act
     }
     if (!repair_pending_ && !barrier_pending_)
         repair_wanted_ = now + silence_max;
+    if (distrusts(tile.worker)) {
+        ++counts_.distrusted;
+        return;
+    }
     const std::vector<protocol::CellRect> fresh = take_fresh(*cells_of_tile, tile.pass);
     if (fresh.empty()) {
         ++counts_.duplicates;
         return;
     }
     repair_brought_any_ = true;
+    note_who_drew(fresh, tile.worker);
     if (fresh.front() == *cells_of_tile) {
         actions.push_back(News(TileArrived{tile, state_.cell_count}));
         return;
@@ -197,6 +205,64 @@ std::vector<protocol::CellRect> Follower::take_fresh(const protocol::CellRect& c
     return rects;
 }
 
+void Follower::note_who_drew(const std::vector<protocol::CellRect>& cells, const WorkerId& worker) {
+    if (state_.settings.limited_in_time())
+        return;
+    const auto known = std::ranges::find(workers_, worker);
+    const auto index = static_cast<std::uint32_t>(known - workers_.begin());
+    if (known == workers_.end())
+        workers_.push_back(worker);
+    for (const protocol::CellRect& part : cells)
+        drawn_.push_back({part, index});
+}
+
+/// The newest word on that counts: a broker that takes over may not have heard it yet.
+bool Follower::distrusts(const WorkerId& worker) const {
+    return !state_.settings.limited_in_time() &&
+           std::ranges::find(state_.distrusted, worker, &protocol::Distrusted::worker) !=
+               state_.distrusted.end();
+}
+
+/// What came of workers that are distrusted now is missing again.
+void Follower::withdraw(Instant now, std::vector<Action>& actions) {
+    if (state_.distrusted.empty() || state_.settings.limited_in_time())
+        return;
+    for (const protocol::Distrusted& who : state_.distrusted) {
+        const auto known = std::ranges::find(workers_, who.worker);
+        if (known == workers_.end())
+            continue;
+        const auto index = static_cast<std::uint32_t>(known - workers_.begin());
+        TilesWithdrawn withdrawn{{}, who.worker_name};
+        std::erase_if(drawn_, [&](const Drawn& drawn) {
+            if (drawn.worker != index)
+                return false;
+            withdrawn.rects.push_back(grid_.pixels(drawn.cells));
+            (void)grid_.all_of(drawn.cells, [&](std::uint64_t cell) {
+                have_.reset(static_cast<std::size_t>(cell));
+                --have_count_;
+                return true;
+            });
+            return true;
+        });
+        if (withdrawn.rects.empty())
+            continue;
+        actions.push_back(News(std::move(withdrawn)));
+        if (!repair_pending_ && !barrier_pending_)
+            repair_wanted_ = now + silence_max;
+    }
+}
+
+void Follower::withdraw_all(std::vector<Action>& actions) {
+    TilesWithdrawn withdrawn;
+    for (const Drawn& drawn : drawn_)
+        withdrawn.rects.push_back(grid_.pixels(drawn.cells));
+    drawn_.clear();
+    have_ = protocol::Bitmap(state_.cell_count);
+    have_count_ = 0;
+    if (!withdrawn.rects.empty())
+        actions.push_back(News(std::move(withdrawn)));
+}
+
 /// What it cost is told of the part at its place, by its pixels.
 protocol::TileDone Follower::part_of(const protocol::TileDone& tile,
                                      const protocol::CellRect& cells) const {
@@ -234,7 +300,7 @@ std::optional<protocol::CellRect> Follower::cells(const protocol::TileDone& tile
 
 void Follower::take(Instant now, const protocol::JobState& state, bool digest,
                     std::vector<Action>& actions) {
-    if (!adopt(state, actions))
+    if (!adopt(now, state, actions))
         return;
     if (is_over(state_.phase))
         lower_barrier(actions); // nothing more will be published
@@ -245,7 +311,7 @@ void Follower::take(Instant now, const protocol::JobState& state, bool digest,
 }
 
 void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<Action>& actions) {
-    if (!adopt(done.state, actions))
+    if (!adopt(now, done.state, actions))
         return;
     if (is_over(state_.phase))
         lower_barrier(actions);
@@ -281,7 +347,7 @@ void Follower::take(Instant now, const protocol::Barrier& barrier, std::vector<A
 }
 
 /// Whether the state is about this job and can be. Shows it when it is newer.
-bool Follower::adopt(const protocol::JobState& state, std::vector<Action>& actions) {
+bool Follower::adopt(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
     const bool same_cells =
         state.cell_side == state_.cell_side || state_.cell_side == 0; // it was not cut before
     if (state.job != state_.job || !is_sound(state) || state.settings != state_.settings ||
@@ -295,9 +361,14 @@ bool Follower::adopt(const protocol::JobState& state, std::vector<Action>& actio
         grid_ = grid_of(state);
         have_ = protocol::Bitmap(state.cell_count);
     }
-    if (state.epoch != state_.epoch && have_count_ > 0)
-        has_of_earlier_epochs_ = true;
+    if (state.epoch != state_.epoch && have_count_ > 0) {
+        if (state.verify > 0) // of what the last broker had not kept nobody knows who is right
+            withdraw_all(actions);
+        else
+            has_of_earlier_epochs_ = true;
+    }
     state_ = state;
+    withdraw(now, actions);
     actions.push_back(News(StateChanged{state_}));
     return true;
 }

@@ -21,6 +21,7 @@ namespace fraja::client {
 struct FollowerCounts {
     std::uint64_t duplicates = 0; ///< tiles that were here already
     std::uint64_t rubbish = 0;    ///< messages that contradict the job
+    std::uint64_t distrusted = 0; ///< tiles of workers that the job distrusts
     std::uint64_t repairs = 0;    ///< requests sent
     std::uint64_t barriers_lost = 0;
 };
@@ -66,9 +67,14 @@ private:
                                                              std::uint32_t pass);
     [[nodiscard]] protocol::TileDone part_of(const protocol::TileDone& tile,
                                              const protocol::CellRect& cells) const;
-    [[nodiscard]] bool adopt(const protocol::JobState& state, std::vector<Action>& actions);
+    [[nodiscard]] bool adopt(Instant now, const protocol::JobState& state,
+                             std::vector<Action>& actions);
     void tick(Instant now, std::vector<Action>& actions);
     void raise_barrier(Instant now, std::vector<Action>& actions);
+    void note_who_drew(const std::vector<protocol::CellRect>& cells, const WorkerId& worker);
+    [[nodiscard]] bool distrusts(const WorkerId& worker) const;
+    void withdraw(Instant now, std::vector<Action>& actions);
+    void withdraw_all(std::vector<Action>& actions);
     void lower_barrier(std::vector<Action>& actions);
     void ask_if_due(Instant now, std::vector<Action>& actions);
     void look_whether_complete();
@@ -78,6 +84,12 @@ private:
     Rng rng_;
     protocol::Bitmap have_;
     std::uint32_t have_count_ = 0;
+    struct Drawn {
+        protocol::CellRect cells;
+        std::uint32_t worker = 0; ///< in workers_
+    };
+    std::vector<Drawn> drawn_;      ///< what is here, each cell once: not of a job limited in time
+    std::vector<WorkerId> workers_; ///< who drew it
     bool complete_ = false, forgotten_ = false, caught_up_ = false;
     bool has_of_earlier_epochs_ = false; ///< tiles that the broker may not have
     FollowerCounts counts_;

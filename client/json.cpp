@@ -45,6 +45,16 @@ Json settings_object(const protocol::PictureSettings& s) {
             {"kernel", to_string(s.kernel)}};
 }
 
+void add_checks(Json& json, const protocol::JobState& s) {
+    json["checks"] = {{"agreed", s.checks.agreed}, {"unchecked", s.checks.unchecked}};
+    Json distrusted = Json::array();
+    for (const protocol::Distrusted& who : s.distrusted)
+        distrusted.push_back({{"worker", fraja::to_string(who.worker)},
+                              {"name", who.worker_name},
+                              {"reason", who.reason}});
+    json["distrusted"] = std::move(distrusted);
+}
+
 Json job_object(const protocol::JobState& s) {
     Json json = {{"schema", "fraja.job/1"},
                  {"job", fraja::to_string(s.job)},
@@ -67,6 +77,7 @@ Json job_object(const protocol::JobState& s) {
     json["share_per_s"] = s.share_per_s;
     json["in_flight_count"] = s.in_flight_count;
     json["worker_count"] = s.worker_count;
+    add_checks(json, s);
     add_counts(json, s.rays);
     json["render_s"] = seconds(s.render_time);
     json["elapsed_s"] = seconds(s.elapsed);
@@ -85,6 +96,8 @@ Json worker_object(const protocol::WorkerState& w) {
                  {"draining", w.draining},
                  {"quarantined_s", seconds(w.quarantined)},
                  {"tags", w.tags}};
+    if (!w.distrusted.empty())
+        json["distrusted"] = w.distrusted;
     add_counts(json, w.rays);
     return json;
 }
@@ -128,13 +141,14 @@ Json broker_object(const protocol::BrokerState& b) {
                     {"done", b.jobs_done},
                     {"failed", b.jobs_failed},
                     {"cancelled", b.jobs_cancelled}};
-    json["workers"] = {{"count", b.workers}, {"threads", b.threads}, {"lost", b.workers_lost}};
+    json["workers"] = {{"count", b.workers},
+                       {"threads", b.threads},
+                       {"lost", b.workers_lost},
+                       {"distrusted", b.workers_distrusted}};
     json["clients"] = b.clients;
-    json["tiles"] = {{"in_flight", b.tiles_in_flight},
-                     {"done", b.tiles_done},
-                     {"failed", b.tiles_failed},
-                     {"requeued", b.tiles_requeued},
-                     {"overbooked", b.tiles_overbooked}};
+    json["tiles"] = {{"in_flight", b.tiles_in_flight},   {"done", b.tiles_done},
+                     {"failed", b.tiles_failed},         {"requeued", b.tiles_requeued},
+                     {"overbooked", b.tiles_overbooked}, {"checked", b.tiles_checked}};
     json["rays"] = b.rays.total();
     json["render_s"] = seconds(b.render_time);
     return json;
@@ -245,6 +259,7 @@ std::string submit_json(const SubmissionReport& r) {
         json["cell_count"] = r.job.cell_count;
         json["done_count"] = r.job.done_count;
         json["workers"] = r.workers;
+        add_checks(json, r.job);
         if (r.estimate)
             json["estimate"] = {{"samples_per_pixel", r.estimate->samples},
                                 {"rms_error", r.estimate->rms_error},
@@ -285,6 +300,7 @@ std::string film_json(const FilmReport& r) {
             one["scene"] = fraja::to_string(frame.job.scene);
             one["elapsed_s"] = seconds(frame.job.elapsed);
             one["render_s"] = seconds(frame.job.render_time);
+            add_checks(one, frame.job);
         }
         frames.push_back(std::move(one));
     }

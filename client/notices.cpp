@@ -125,6 +125,28 @@ Instant WaitNotice::tick(Instant now) {
     return due_;
 }
 
+void DistrustNotice::update(const protocol::JobState& job) {
+    for (const protocol::Distrusted& who : job.distrusted)
+        if (told_.insert(who.worker).second)
+            console_.warning("worker " + printable(who.worker_name) +
+                             " answers wrong pixels: what it has drawn is drawn again by others");
+}
+
+void DistrustNotice::update(const TilesWithdrawn& withdrawn) {
+    if (withdrawn.worker_name.empty())
+        console_.warning("another broker goes on with the job: what came before (" +
+                         counted(withdrawn.rects.size(), "tile") +
+                         ") is asked for once more, as it is to be checked");
+}
+
+std::string unchecked_words(const protocol::CheckCounts& checks) {
+    if (checks.unchecked == 0)
+        return {};
+    return "--verify: " + counted(checks.unchecked, "tile") + " of " +
+           std::to_string(checks.unchecked + checks.agreed) +
+           " could not be checked: there was no second worker";
+}
+
 void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,
                   JobId submitted) {
     const std::string name = fmt::format("{} #{}", job.job_name, job.number);

@@ -9,6 +9,7 @@
 
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -78,6 +79,23 @@ private:
     bool said_ = false;
     Instant due_ = Instant::never();
 };
+
+/// Says of each worker once that it answers wrong pixels. The console must outlive this.
+class DistrustNotice {
+public:
+    explicit DistrustNotice(Console& console) : console_(console) {}
+    void update(const protocol::JobState& job);
+    /// What was withdrawn for another reason.
+    void update(const TilesWithdrawn& withdrawn);
+
+private:
+    Console& console_;
+    std::set<WorkerId> told_;
+};
+
+/// What is to be said of a job that is done whose tiles were not all checked that should be; empty:
+/// nothing.
+[[nodiscard]] std::string unchecked_words(const protocol::CheckCounts& checks);
 
 /// What --resume found: `job`, or that alone which was `submitted`.
 void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,

@@ -71,6 +71,15 @@ void Picture::place(const protocol::TileDone& tile, std::uint32_t cell_count) {
     passes_->place(tile.pass, tile_of(tile, settings_));
 }
 
+void Picture::withdraw(const PixelRect& rect) {
+    FRAJA_ASSERT(!settings_.limited_in_time());
+    pixels_placed_ -= rect.pixel_count();
+    protocol::TileDone black;
+    black.rect = rect;
+    black.blobs = {Blob(Bytes(rect.pixel_count() * settings_.pixel_bytes()))};
+    film_.place(tile_of(black, settings_));
+}
+
 std::optional<Estimate> Picture::estimate() const {
     const auto error = film().error();
     if (error.empty() || pixels_placed_ < error.size())

@@ -32,6 +32,8 @@ public:
     /// The tile must have been checked against the job, as Follower does.
     /// `cell_count`: the job's.
     void place(const protocol::TileDone& tile, std::uint32_t cell_count);
+    /// What was placed there is black until it is placed anew. Not of a picture with a time limit.
+    void withdraw(const PixelRect& rect);
     /// Of the region's pixels, those that there is anything of.
     [[nodiscard]] std::uint64_t pixels_placed() const { return pixels_placed_; }
     [[nodiscard]] const Film& film() const { return passes_ ? passes_->film() : film_; }

@@ -37,7 +37,7 @@ public:
                                 : LivePreview::chosen(options.preview, console)),
           mode_(ProgressReport::chosen(options.shared.progress, console)),
           progress_(console, mode_, net::now()), wait_(console, mode_),
-          answer_(console, options.direct, net::now()),
+          answer_(console, options.direct, net::now()), distrust_(console),
           give_up_at_(net::now() + options.shared.connect_timeout) {}
 
     void hear(Instant now, const News& news) override {
@@ -96,6 +96,12 @@ private:
         worker_seen_ = true;
         workers_.insert(news.tile.worker_name);
     }
+    void take(Instant, const TilesWithdrawn& news) {
+        for (const PixelRect& rect : news.rects)
+            picture_->withdraw(rect);
+        preview_.note_change();
+        distrust_.update(news);
+    }
     void take(Instant now, const StateChanged& news) {
         job_ = news.state;
         worker_seen_ = worker_seen_ || news.state.worker_count > 0;
@@ -114,6 +120,7 @@ private:
 
     void update(Instant now, const protocol::JobState& state) {
         progress_.update(state);
+        distrust_.update(state);
         if (!options_.local) // whose worker is on its way
             wait_.update(now, state, worker_cure(options_, broker_));
     }
@@ -129,6 +136,7 @@ private:
     ProgressReport progress_;
     WaitNotice wait_;
     AnswerNotice answer_;
+    DistrustNotice distrust_;
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;
     const LocalFarm* farm_ = nullptr;
@@ -290,6 +298,8 @@ private:
         report_.output = options_.output;
         tell(console_, mode_, "wrote", "wrote " + options_.output);
         say_what_ended_it();
+        if (const std::string words = unchecked_words(report_.job.checks); !words.empty())
+            console_.warning(words);
         if (const auto& e = report_.estimate; e && e->pixels_at_ceiling > 0)
             console_.warning(
                 fmt::format("--error {} is not reached in {} of {}: they have --max-samples",

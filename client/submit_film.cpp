@@ -89,6 +89,10 @@ private:
         shared_.changed.notify_one();
     }
     void take(const TileArrived& news) { picture_->place(news.tile, news.cell_count); }
+    void take(const TilesWithdrawn& news) {
+        for (const PixelRect& rect : news.rects)
+            picture_->withdraw(rect);
+    }
     void take(const StateChanged& news) { note(news.state); }
     void take(const ConnectionChanged& news) {
         const std::lock_guard lock(shared_.mutex);
@@ -383,6 +387,11 @@ private:
         if (outcome.code == ExitCode::done) {
             frame.output = state.output;
             ++done_;
+            if (state.job) {
+                distrust_.update(*state.job);
+                checks_.agreed += state.job->checks.agreed;
+                checks_.unchecked += state.job->checks.unchecked;
+            }
         } else {
             frame.reason = outcome.reason;
             unwritten_ += state.unwritten ? 1 : 0;
@@ -413,6 +422,7 @@ private:
             for (const auto& [index, one] : running_) {
                 if (!one.state->job)
                     continue;
+                distrust_.update(*one.state->job);
                 moment.share_at_hand += share_done(*one.state->job);
                 moment.share_per_s += share_per_s(*one.state->job);
                 moment.worker_count =
@@ -438,6 +448,8 @@ private:
     Outcome summary(std::size_t begun) {
         console_.end_redraw();
         say_what_was_written();
+        if (const std::string words = unchecked_words(checks_); !words.empty())
+            console_.warning(words);
         if (gives_up_ && gives_up_->code != ExitCode::job_failed)
             return *gives_up_;
         if (failures_.empty())
@@ -515,12 +527,14 @@ private:
     const FilmId film_ = random_id<FilmId>();
     FilmProgress progress_;
     WaitNotice wait_;
+    DistrustNotice distrust_{console_};
     std::optional<SearchNotice> search_; ///< while frames are rendered
     FilmReport report_;
     std::optional<FilmScenes> scenes_;
     SessionOptions session_;
     std::vector<std::size_t> waiting_; ///< frames to be drawn, as report_ counts them
     std::size_t done_ = 0;
+    protocol::CheckCounts checks_; ///< of these
     std::uint64_t rays_ended_ = 0; ///< of the frames that are over
     std::vector<Outcome> failures_;
     std::size_t unwritten_ = 0;       ///< of these: their files could not be written

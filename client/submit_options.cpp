@@ -45,7 +45,7 @@ struct Arguments {
     PreviewArgument preview;
     SubmitOptions options;
     std::string size, crop, tile = "auto", order = "auto", schedule = "demand", kernel = "fast",
-                            filter = "box", time_limit, timeout, frames;
+                            filter = "box", time_limit, timeout, frames, verify;
     CLI::Option *max_samples = nullptr, *broker = nullptr;
     std::vector<std::string> direct;
     bool overwrite = false;
@@ -66,6 +66,8 @@ struct Arguments {
                           {"--tag", "--local"},
                           {"--layers", "--time-limit"},
                           {"--schedule", "--time-limit"},
+                          {"--verify", "--time-limit"},
+                          {"--verify", "--local"},
                           {"--travel", "--time-limit"},
                           {"--travel", "--schedule"},
                           {"--travel", "--stats"},
@@ -162,6 +164,11 @@ void add_job_options(CLI::App& app, Arguments& a) {
         ->capture_default_str()
         ->check(CLI::IsMember({"demand", "static", "weighted", "stealing"}))
         ->type_name("SCHEDULE");
+    app.add_option("--verify", a.verify,
+                   "Have this share of the tiles (0.1 or 10%) drawn by a second worker as well and "
+                   "compared: one that answers wrong pixels is found, and its tiles drawn again")
+        ->default_str("0")
+        ->type_name("P");
     app.add_option("-n,--name", o.job_name, "Name of the job")
         ->default_str("scene name")
         ->type_name("NAME");
@@ -267,6 +274,26 @@ Result<void> read_picture(Arguments& a) {
     return valid ? Result<void>() : invalid_option("--" + valid.error().message);
 }
 
+Result<void> read_verify(Arguments& a) {
+    SubmitOptions& o = a.options;
+    if (a.verify.empty())
+        return {};
+    const auto share = parse_share(a.verify);
+    if (!share)
+        return invalid_option("--verify " + a.verify +
+                              ": a share of the tiles is written as 0.1 or 10%, up to 100%");
+    o.wishes.verify = *share;
+    if (*share > 0 && o.local)
+        return invalid_option("--verify and --local contradict each other: a tile is checked by "
+                              "another worker, and here is one");
+    if (*share > 0 && o.settings.limited_in_time())
+        return invalid_option("--verify and --time-limit contradict each other: the time is for "
+                              "drawing; --spp or --error ends by itself");
+    if (*share > 0 && o.wishes.workers_max == 1)
+        return invalid_option("--verify needs two workers: not with --max-workers 1");
+    return {};
+}
+
 Result<void> read_tiles(Arguments& a) {
     SubmitOptions& o = a.options;
     using enum protocol::TileOrder;
@@ -281,6 +308,8 @@ Result<void> read_tiles(Arguments& a) {
     if (o.wishes.schedule != protocol::Schedule::demand && o.settings.limited_in_time())
         return invalid_option("--schedule " + a.schedule +
                               ": a picture with --time-limit is dealt out on demand");
+    if (const auto read = read_verify(a); !read)
+        return read;
     if (o.wishes.tags.size() > protocol::tags_max)
         return invalid_option("--tag: at most " + std::to_string(protocol::tags_max) + " of them");
     for (const std::string& tag : o.wishes.tags)

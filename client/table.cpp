@@ -80,6 +80,8 @@ std::string jobs_table(const std::vector<protocol::JobState>& jobs) {
 namespace {
 
 std::string state_of(const protocol::WorkerState& worker) {
+    if (!worker.distrusted.empty())
+        return "distrusted: " + shortened(printable(worker.distrusted), 60);
     if (worker.quarantined > Duration::zero())
         return "quarantined for " + format_duration(worker.quarantined);
     return worker.draining ? "draining" : worker.in_flight_count > 0 ? "busy" : "idle";
@@ -142,17 +144,19 @@ std::string brokers_table(const std::vector<AskedBroker>& brokers) {
 std::string stats_page(const protocol::FarmState& farm) {
     const protocol::BrokerState& b = farm.broker;
     const double up = std::max(seconds(b.uptime), 1e-9);
-    std::string text = fmt::format(
-        "broker            {}, version {}, up {}\n"
-        "jobs              {} known, {} with tiles to give\n"
-        "jobs over         {} done, {} failed, {} cancelled\n"
-        "workers           {} with {}; {} lost\n"
-        "tiles             {} done, {} in flight\n"
-        "tiles again       {} requeued, {} failed, {} overbooked\n",
-        fraja::to_string(b.broker), printable(b.program_version), format_duration(b.uptime), b.jobs,
-        b.jobs_ready, b.jobs_done, b.jobs_failed, b.jobs_cancelled, b.workers,
-        counted(b.threads, "thread"), b.workers_lost, b.tiles_done, b.tiles_in_flight,
-        b.tiles_requeued, b.tiles_failed, b.tiles_overbooked);
+    std::string text =
+        fmt::format("broker            {}, version {}, up {}\n"
+                    "jobs              {} known, {} with tiles to give\n"
+                    "jobs over         {} done, {} failed, {} cancelled\n"
+                    "workers           {} with {}; {} lost\n"
+                    "tiles             {} done, {} in flight\n"
+                    "tiles again       {} requeued, {} failed, {} overbooked\n"
+                    "tiles checked     {}; {} distrusted\n",
+                    fraja::to_string(b.broker), printable(b.program_version),
+                    format_duration(b.uptime), b.jobs, b.jobs_ready, b.jobs_done, b.jobs_failed,
+                    b.jobs_cancelled, b.workers, counted(b.threads, "thread"), b.workers_lost,
+                    b.tiles_done, b.tiles_in_flight, b.tiles_requeued, b.tiles_failed,
+                    b.tiles_overbooked, b.tiles_checked, counted(b.workers_distrusted, "worker"));
     text += fmt::format("rays              {} ({} camera, {} reflected, {} refracted, {} shadow)\n"
                         "speed             {}, mean since the broker started\n"
                         "render time       {:.3f} s (summed over render threads)\n",
@@ -191,6 +195,12 @@ std::string job_page(const protocol::JobState& s) {
                         s.done_count, counted(s.cell_count, "cell"), s.cell_side, s.cell_side,
                         100 * s.share_done, counted(s.in_flight_count, "tile"),
                         counted(s.worker_count, "worker"));
+    if (s.checks != protocol::CheckCounts{})
+        text += fmt::format("checked   {}; {} had no second worker\n",
+                            counted(s.checks.agreed, "tile"), s.checks.unchecked);
+    for (const protocol::Distrusted& who : s.distrusted)
+        text += fmt::format("distrusts {} {} ({})\n", printable(who.worker_name),
+                            fraja::to_string(who.worker), printable(who.reason));
     text += fmt::format("rays      {} ({} camera, {} reflected, {} refracted, {} shadow)\n",
                         s.rays.total(), s.rays.camera, s.rays.reflected, s.rays.refracted,
                         s.rays.shadow);
@@ -204,16 +214,31 @@ std::string job_page(const protocol::JobState& s) {
                               seconds(s.render_time));
 }
 
+namespace {
+
+std::string checks_page(const protocol::JobState& s) {
+    if (s.checks == protocol::CheckCounts{} && s.distrusted.empty())
+        return {};
+    std::string text = fmt::format("tiles checked     {} (drawn by two workers, the same)\n"
+                                   "tiles unchecked   {} (there was no second worker)\n",
+                                   s.checks.agreed, s.checks.unchecked);
+    for (const protocol::Distrusted& who : s.distrusted)
+        text += "distrusted        " + printable(who.worker_name) + "\n";
+    return text;
+}
+
+} // namespace
+
 std::string counts_page(const protocol::JobState& s) {
     const protocol::Rays& r = s.rays;
-    std::string text =
-        fmt::format("rays camera       {}\n"
-                    "rays reflected    {}\n"
-                    "rays refracted    {}\n"
-                    "rays traced       {}\n"
-                    "rays shadow       {}\n"
-                    "rays total        {}\n",
-                    r.camera, r.reflected, r.refracted, r.traced(), r.shadow, r.total());
+    std::string text = checks_page(s);
+    text += fmt::format("rays camera       {}\n"
+                        "rays reflected    {}\n"
+                        "rays refracted    {}\n"
+                        "rays traced       {}\n"
+                        "rays shadow       {}\n"
+                        "rays total        {}\n",
+                        r.camera, r.reflected, r.refracted, r.traced(), r.shadow, r.total());
     if (s.settings.kernel == protocol::KernelChoice::reference)
         return text;
     text +=

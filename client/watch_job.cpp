@@ -133,6 +133,19 @@ private:
         if (tev_)
             tev_->update(news.tile.rect, picture_->film());
     }
+    void take(const TilesWithdrawn& news) {
+        distrust_.update(news);
+        if (!picture_)
+            return;
+        for (const PixelRect& rect : news.rects) {
+            picture_->withdraw(rect);
+            if (tev_)
+                tev_->update(rect, picture_->film());
+        }
+        preview_.note_change();
+        if (!options_.output.empty())
+            file_.note_change();
+    }
     void take(const StateChanged& news) {
         file_.update(news.state);
         update(news.state);
@@ -153,6 +166,7 @@ private:
 
     void update(const protocol::JobState& state) {
         progress_.update(state);
+        distrust_.update(state);
         wait_.update(net::now(), state, worker_cure(broker_));
     }
     void print(const std::string& line) { outlet_.put(line + "\n"); }
@@ -173,6 +187,7 @@ private:
 
     const WatchOptions& options_;
     Console& console_;
+    DistrustNotice distrust_{console_};
     LivePreview preview_;
     ProgressReport progress_;
     const ProgressMode mode_;

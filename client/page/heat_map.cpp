@@ -52,6 +52,15 @@ Srgb8 worker_colour(std::size_t index) {
 HeatMap::HeatMap(const PixelRect& crop, std::uint32_t cell_side)
     : crop_(crop), grid_(crop, cell_side), cells_(grid_.count()) {}
 
+void HeatMap::withdraw(const PixelRect& rect) {
+    const auto cells = grid_.cells(rect);
+    FRAJA_ASSERT(cells.has_value());
+    grid_.all_of(*cells, [&](std::uint64_t index) {
+        cells_[index] = {};
+        return true;
+    });
+}
+
 void HeatMap::add(const protocol::TileDone& tile) {
     const auto cells = grid_.cells(tile.rect);
     FRAJA_ASSERT(cells.has_value());

@@ -32,6 +32,8 @@ public:
 
     /// The tile consists of whole cells (asserted), as Follower's do. Passes add up.
     void add(const protocol::TileDone& tile);
+    /// Whole cells likewise, as if nobody had rendered them.
+    void withdraw(const PixelRect& rect);
 
     /// One pixel for each cell; cells that nobody has rendered yet are black. Costs are seen on a
     /// logarithmic scale from the least to the most, at most a factor of ten thousand.

@@ -63,6 +63,14 @@ void JobView::take(const TileArrived& news) {
     changed_ = true;
 }
 
+void JobView::take(const TilesWithdrawn& news) {
+    for (const PixelRect& rect : news.rects) {
+        picture_->withdraw(rect);
+        map_->withdraw(rect);
+    }
+    changed_ = true;
+}
+
 void JobView::take(const StateChanged& news) {
     state_ = news.state;
     meter_.update(news.state);

@@ -71,6 +71,7 @@ private:
     };
     void take(const Accepted& news);
     void take(const TileArrived& news);
+    void take(const TilesWithdrawn& news);
     void take(const StateChanged& news);
     void take(const ConnectionChanged& news);
     void take(const FarmChanged&) {}

@@ -54,10 +54,11 @@ Json job_entry(const protocol::JobState& s, const std::map<JobId, ProgressMeter>
 }
 
 Json worker_entry(const protocol::WorkerState& w) {
-    const char* state = w.quarantined > Duration::zero() ? "quarantined"
-                        : w.draining                     ? "draining"
-                        : w.in_flight_count > 0          ? "busy"
-                                                         : "idle";
+    const char* state = !w.distrusted.empty()              ? "distrusted"
+                        : w.quarantined > Duration::zero() ? "quarantined"
+                        : w.draining                       ? "draining"
+                        : w.in_flight_count > 0            ? "busy"
+                                                           : "idle";
     return {{"name", w.worker_name},      {"state", state},
             {"threads", w.threads},       {"in_flight_count", w.in_flight_count},
             {"tiles_done", w.tiles_done}, {"rays", w.rays.total()}};

@@ -106,6 +106,19 @@ std::optional<Duration> parse_duration(std::string_view text) {
     return Duration(std::llround(total * 1e9));
 }
 
+std::optional<double> parse_share(std::string_view text) {
+    const bool is_percentage = text.ends_with('%');
+    if (is_percentage)
+        text.remove_suffix(1);
+    double value = 0;
+    const auto [end, error] =
+        std::from_chars(text.data(), text.data() + text.size(), value, std::chars_format::fixed);
+    if (error != std::errc{} || end != text.data() + text.size())
+        return std::nullopt;
+    const double share = is_percentage ? value / 100 : value;
+    return share >= 0 && share <= 1 ? std::optional(share) : std::nullopt;
+}
+
 std::optional<std::uint64_t> parse_byte_size(std::string_view text) {
     std::uint64_t scale = 1;
     if (!text.empty() && !is_digit(text.back())) {

@@ -25,6 +25,9 @@ namespace fraja {
 /// "512", "512K", "512M", "4G", in powers of 1024.
 [[nodiscard]] std::optional<std::uint64_t> parse_byte_size(std::string_view text);
 
+/// "0.1", "10%": a share from 0 to 1.
+[[nodiscard]] std::optional<double> parse_share(std::string_view text);
+
 /// "0:42", "12:07", "1:02:03": for progress lines. Negative is shown as 0:00.
 [[nodiscard]] std::string format_duration(Duration d);
 

@@ -20,6 +20,7 @@ public:
     }
     /// `i` must be below the bit count.
     void set(std::size_t i) { bytes_.at(i / 8) |= std::byte(1u << (i % 8)); }
+    void reset(std::size_t i) { bytes_.at(i / 8) &= std::byte(~(1u << (i % 8)) & 0xffu); }
     [[nodiscard]] const Bytes& bytes() const { return bytes_; }
 
 private:

@@ -18,6 +18,7 @@ inline constexpr std::size_t tags_max = 64;           ///< tags of one worker
 inline constexpr std::size_t credit_max = 4096;       ///< tiles in flight at one worker
 inline constexpr std::size_t nesting_max = 8;         ///< arrays within arrays of a body
 inline constexpr std::size_t brokers_max = 16;        ///< that stand for each other
+inline constexpr std::size_t distrusted_max = 64;     ///< workers that a job names as such
 
 inline constexpr std::size_t chunk_bytes = std::size_t{1}
                                            << 19; ///< a piece of a scene or of a tile's pixels

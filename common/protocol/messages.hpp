@@ -192,12 +192,37 @@ struct Wishes {
     std::vector<std::string> tags; ///< a worker must have each: K or K=V; K alone fits any value
     FilmId film;                   ///< of which this is a frame; zero: it is a single picture
     std::uint32_t frame = 0;       ///< its number there
+    double verify = 0;             ///< share of its tiles that another worker draws as well
     friend bool operator==(const Wishes&, const Wishes&) = default;
     template <class T = Wishes>
     static constexpr auto fields() {
         return std::tuple{Field{"schedule", &T::schedule}, Field{"workers_max", &T::workers_max},
-                          Field{"tags", &T::tags}, Field{"film", &T::film},
-                          Field{"frame", &T::frame}};
+                          Field{"tags", &T::tags},         Field{"film", &T::film},
+                          Field{"frame", &T::frame},       Field{"verify", &T::verify}};
+    }
+};
+
+/// A worker that was found to answer wrong pixels: no tile of it counts in that job.
+struct Distrusted {
+    WorkerId worker;
+    std::string worker_name;
+    std::string reason;
+    friend bool operator==(const Distrusted&, const Distrusted&) = default;
+    template <class T = Distrusted>
+    static constexpr auto fields() {
+        return std::tuple{Field{"worker", &T::worker}, Field{"worker_name", &T::worker_name},
+                          Field{"reason", &T::reason}};
+    }
+};
+
+/// What became of the tiles that were to be checked.
+struct CheckCounts {
+    std::uint32_t agreed = 0;    ///< two workers have drawn the same
+    std::uint32_t unchecked = 0; ///< there was no second worker
+    friend bool operator==(const CheckCounts&, const CheckCounts&) = default;
+    template <class T = CheckCounts>
+    static constexpr auto fields() {
+        return std::tuple{Field{"agreed", &T::agreed}, Field{"unchecked", &T::unchecked}};
     }
 };
 
@@ -409,6 +434,9 @@ struct JobState {
     Duration elapsed{};
     FilmId film;
     std::uint32_t frame = 0;
+    CheckCounts checks;
+    std::vector<Distrusted> distrusted;
+    double verify = 0;
     friend bool operator==(const JobState&, const JobState&) = default;
     template <class T = JobState>
     static constexpr auto fields() {
@@ -433,7 +461,10 @@ struct JobState {
                           Field{"render_time", &T::render_time},
                           Field{"elapsed", &T::elapsed},
                           Field{"film", &T::film},
-                          Field{"frame", &T::frame}};
+                          Field{"frame", &T::frame},
+                          Field{"checks", &T::checks},
+                          Field{"distrusted", &T::distrusted},
+                          Field{"verify", &T::verify}};
     }
 };
 
@@ -589,13 +620,15 @@ struct TileDone {
     std::string worker_name;
     Rays rays;
     Duration elapsed{};
+    WorkerId worker{};
     std::vector<Blob> blobs; ///< the pixels, cut into frames
     template <class T = TileDone>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &T::job},     Field{"tile", &T::tile},
-                          Field{"frame", &T::frame}, Field{"pass", &T::pass},
-                          Field{"rect", &T::rect},   Field{"worker_name", &T::worker_name},
-                          Field{"rays", &T::rays},   Field{"elapsed", &T::elapsed}};
+        return std::tuple{Field{"job", &T::job},      Field{"tile", &T::tile},
+                          Field{"frame", &T::frame},  Field{"pass", &T::pass},
+                          Field{"rect", &T::rect},    Field{"worker_name", &T::worker_name},
+                          Field{"rays", &T::rays},    Field{"elapsed", &T::elapsed},
+                          Field{"worker", &T::worker}};
     }
 };
 
@@ -623,6 +656,7 @@ struct WorkerState {
     bool draining = false;
     Duration quarantined{};
     std::vector<std::string> tags;
+    std::string distrusted;
     friend bool operator==(const WorkerState&, const WorkerState&) = default;
     template <class T = WorkerState>
     static constexpr auto fields() {
@@ -636,7 +670,8 @@ struct WorkerState {
                           Field{"rays", &T::rays},
                           Field{"draining", &T::draining},
                           Field{"quarantined", &T::quarantined},
-                          Field{"tags", &T::tags}};
+                          Field{"tags", &T::tags},
+                          Field{"distrusted", &T::distrusted}};
     }
 };
 
@@ -663,6 +698,8 @@ struct BrokerState {
     std::uint64_t workers_lost = 0;
     Rays rays;
     Duration render_time{};
+    std::uint64_t tiles_checked = 0;
+    std::uint64_t workers_distrusted = 0;
     friend bool operator==(const BrokerState&, const BrokerState&) = default;
     template <class T = BrokerState>
     static constexpr auto fields() {
@@ -687,7 +724,9 @@ struct BrokerState {
                           Field{"tiles_overbooked", &T::tiles_overbooked},
                           Field{"workers_lost", &T::workers_lost},
                           Field{"rays", &T::rays},
-                          Field{"render_time", &T::render_time}};
+                          Field{"render_time", &T::render_time},
+                          Field{"tiles_checked", &T::tiles_checked},
+                          Field{"workers_distrusted", &T::workers_distrusted}};
     }
 };
 
@@ -814,6 +853,8 @@ struct JobRecord {
     Duration age{};
     Duration elapsed{};
     Duration over_for{};
+    CheckCounts checks;
+    std::vector<Distrusted> distrusted;
     friend bool operator==(const JobRecord&, const JobRecord&) = default;
     template <class T = JobRecord>
     static constexpr auto fields() {
@@ -827,7 +868,9 @@ struct JobRecord {
                           Field{"done_count", &T::done_count},
                           Field{"age", &T::age},
                           Field{"elapsed", &T::elapsed},
-                          Field{"over_for", &T::over_for}};
+                          Field{"over_for", &T::over_for},
+                          Field{"checks", &T::checks},
+                          Field{"distrusted", &T::distrusted}};
     }
 };
 

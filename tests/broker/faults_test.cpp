@@ -625,3 +625,24 @@ TEST_CASE("whatever workers do no credit is overrun and every job ends right") {
         }
     });
 }
+
+TEST_CASE("a worker that tells a lone broker of a later term is not given more than it takes") {
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 3);
+    const JobId job = farm.submit(1, 20);
+    const auto first = farm.tiles("a");
+    REQUIRE(first.size() == 3);
+    WorkerBeat beat{.credit = 3, .in_flight = {}, .tiles_received = farm.received["a"]};
+    for (const RenderTile& tile : first)
+        beat.in_flight.push_back({tile.job, tile.tile, tile.attempt, 1});
+    beat.term = {1'000, id_of<BrokerId>(200)};
+    for (int i = 0; i < 20; ++i) {
+        farm.say("a", beat);
+        farm.pass(farm.limits.heartbeat / 2);
+    }
+    CHECK(farm.tiles("a").empty());
+    for (auto given = first; !given.empty(); given = farm.tiles("a"))
+        for (const RenderTile& tile : given)
+            farm.render("a", tile);
+    CHECK(farm.state(job).phase == JobPhase::done);
+}

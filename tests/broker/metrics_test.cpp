@@ -28,6 +28,7 @@ Report some_report() {
     f.workers_busy = 13;
     f.workers_draining = 14;
     f.workers_quarantined = 15;
+    f.workers_distrusted = 62;
     f.threads = 16;
     f.credit = 17;
     f.tiles_in_flight = 18;
@@ -48,6 +49,10 @@ Report some_report() {
                   .tiles_requeued = 31,
                   .tiles_overbooked = 32,
                   .answers_unneeded = 33,
+                  .answers_distrusted = 58,
+                  .workers_distrusted = 59,
+                  .tiles_unchecked = 60,
+                  .tiles_checked = 61,
                   .tiles_sent = 34,
                   .tiles_done = 35,
                   .workers_welcomed = 36,

@@ -45,7 +45,9 @@ std::optional<Bytes> blob_of(const Store& store, const ContentHash& hash) {
 
 StoredTile stored(const PutTile& put) {
     const protocol::TileDone& t = *put.tile;
-    return {t.tile, t.frame, t.pass, t.rect, t.rays, t.elapsed};
+    return {t.tile,   t.frame,       t.pass,
+            t.rect,   t.rays,        t.elapsed,
+            t.worker, t.worker_name, protocol::content_hash(joined(t.blobs))};
 }
 
 } // namespace
@@ -141,13 +143,39 @@ TEST_CASE("everything may be put twice and the first stands") {
     CHECK(same_tile(tiles_of(store, id, {0}).at(0), *tile.tile));
 }
 
+TEST_CASE("the tiles of a worker that is distrusted go, and it stays named") {
+    const TempDirectory directory;
+    Rng rng(1);
+    const PutJob job = job_of(rng, 5);
+    const JobId id = job.submission.job;
+    const PutTile wrong = tile_of(rng, id, 0, 100), right = tile_of(rng, id, 1, 100);
+    const PutTile anew = tile_of(rng, id, 0, 100);
+    const PutDistrusted distrusted{
+        id, {wrong.tile->worker, "b", "it lies"}, {{TileIndex{0}, {8, 8}}}, {}};
+    const PutPhase phase{id, protocol::JobPhase::done, "", 9s, {}, {3, 1}};
+    {
+        Store store = open_store(directory.path());
+        commit(store, {job, wrong, right, distrusted, anew});
+        commit(store, {distrusted, phase}); // the second time nothing goes
+    }
+    Store store = open_store(directory.path());
+    const StoredJob kept = contents_of(store).jobs.at(0);
+    CHECK(kept.tiles == std::vector{stored(anew), stored(right)});
+    CHECK(kept.distrusted == std::vector{distrusted.worker});
+    CHECK(kept.checks == protocol::CheckCounts{3, 1});
+    CHECK(same_tile(tiles_of(store, id, {0}).at(0), *anew.tile));
+    commit(store, {ForgetJob{id}, job});
+    CHECK(contents_of(store).jobs.at(0).distrusted.empty());
+}
+
 TEST_CASE("what is about a job that is not there does nothing") {
     const TempDirectory directory;
     Rng rng(1);
     Store store = open_store(directory.path());
     const JobId nobody = random_id<JobId>();
     commit(store, {tile_of(rng, nobody, 0, 100), PutPriority{nobody, 1},
-                   PutPhase{nobody, protocol::JobPhase::done, "", 1s}});
+                   PutPhase{nobody, protocol::JobPhase::done, "", 1s},
+                   PutDistrusted{nobody, {random_id<WorkerId>(), "b", ""}, {}, {}}});
     CHECK(contents_of(store).jobs.empty());
     CHECK(tiles_of(store, nobody, {0}).empty());
 }

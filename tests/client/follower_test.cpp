@@ -96,6 +96,65 @@ struct Following {
 
 } // namespace
 
+TEST_CASE("what a distrusted worker has drawn is missing again, and comes from others") {
+    Following f;
+    const auto from = [&](std::uint32_t tile, std::uint8_t worker) {
+        protocol::TileDone done = tile_of(f.job, tile);
+        done.worker = WorkerId{{worker}};
+        return done;
+    };
+    for (std::uint32_t tile = 0; tile < 4; ++tile)
+        f.step(FromStream{from(tile, tile % 2 == 0 ? 1 : 2)});
+    REQUIRE(f.follower.have_count() == 4);
+
+    f.job.done_count = 4;
+    f.step(FromStream{f.job});
+    f.job.done_count = 2;
+    f.job.distrusted = {{WorkerId{{2}}, "b", "it lies"}};
+    f.step(FromStream{f.job});
+    CHECK(f.follower.have_count() == 2);
+    REQUIRE_FALSE(f.actions.empty());
+    const auto* news = std::get_if<News>(f.actions.data());
+    const auto* withdrawn = news ? std::get_if<TilesWithdrawn>(news) : nullptr;
+    REQUIRE(withdrawn);
+    CHECK(withdrawn->rects == std::vector{PixelRect{1, 0, 1, 1}, PixelRect{3, 0, 1, 1}});
+    CHECK(withdrawn->worker_name == "b");
+
+    f.step(FromStream{from(1, 2)}); // is still under way
+    CHECK(f.actions.empty());
+    CHECK(f.follower.have_count() == 2);
+    CHECK(f.follower.counts().distrusted == 1);
+    protocol::JobState before = f.job;
+    before.distrusted.clear();
+    before.done_count = 4;
+    f.step(FromStream{before}); // was said before
+    CHECK(f.follower.state().distrusted.size() == 1);
+
+    f.step(FromStream{from(1, 3)});
+    CHECK(f.follower.have_count() == 3);
+    f.job.phase = protocol::JobPhase::done;
+    f.job.done_count = 4;
+    f.step(FromStream{f.job});
+    CHECK_FALSE(f.follower.is_complete());                // one was dropped
+    CHECK(f.follower.next_deadline() < Instant::never()); // it is asked for
+    f.step(FromBroker{from(3, 1)});
+    CHECK(f.follower.is_complete());
+}
+
+TEST_CASE("of a job that is checked only what the broker has counts, also when it is another one") {
+    for (const double verify : {0.0, 0.5}) {
+        CAPTURE(verify);
+        Following f;
+        f.step(FromStream{tile_of(f.job, 0)});
+        f.job.epoch = 2;
+        f.job.verify = verify;
+        f.step(FromStream{f.job});
+        CHECK(f.follower.have_count() == (verify > 0 ? 0 : 1));
+        const auto* news = f.actions.empty() ? nullptr : std::get_if<News>(f.actions.data());
+        CHECK((news && std::holds_alternative<TilesWithdrawn>(*news)) == (verify > 0));
+    }
+}
+
 TEST_CASE("a follower subscribes the job, then a nonce, and asks when the nonce is echoed") {
     Follower follower(job_of_four_tiles(), Rng(1));
     std::vector<Action> actions;

@@ -54,7 +54,8 @@ void BrokerNode::start() {
                                      .started_at = farm_.now(),
                                      .unix_offset = disk_.wall_now() - farm_.now().since_start,
                                      .endpoint = sites_.size() > 1 ? site_.endpoint : std::string(),
-                                     .peers = std::move(peers)},
+                                     .peers = std::move(peers),
+                                     .check_key = farm_.scenario.seed},
         farm_.scenario.limits);
     if (keeps) {
         broker::Restored restored{disk_.kept().contents(disk_.wall_now()), {}};

@@ -178,6 +178,10 @@ void ClientNode::take(const client::News& news) {
         begin_following(accepted->state);
     else if (const auto* tile = std::get_if<client::TileArrived>(&news))
         take(tile->tile);
+    else if (const auto* withdrawn = std::get_if<client::TilesWithdrawn>(&news))
+        take(*withdrawn);
+    else if (const auto* changed = std::get_if<client::StateChanged>(&news))
+        checks_ = changed->state.checks;
     else if (const auto* finished = std::get_if<client::Finished>(&news))
         finish(finished->outcome);
 }
@@ -193,6 +197,8 @@ void ClientNode::begin_following(const protocol::JobState& state) {
     report.acknowledged = true;
     grid_ = protocol::CellGrid(job_.settings.crop, state.cell_side);
     have_.assign(state.cell_count, false); // whoever begins anew is given all anew
+    wrong_.clear();
+    checks_ = state.checks;
 }
 
 void ClientNode::take(const protocol::TileDone& tile) {
@@ -212,9 +218,32 @@ void ClientNode::take(const protocol::TileDone& tile) {
         farm_.report.useful_rays += farm_.scenario.jobs[index_].work.rays(tile.rect) *
                                     static_cast<double>(fresh) /
                                     static_cast<double>(cells->count());
-    if (farm_.scenario.pixels &&
-        !are_pixels_of({job_.scene, job_.settings, tile.pass}, tile.rect, tile.blobs))
+    if (!farm_.scenario.pixels ||
+        are_pixels_of({job_.scene, job_.settings, tile.pass}, tile.rect, tile.blobs))
+        return;
+    if (!has_liars(farm_.scenario))
         violation("is given wrong pixels");
+    else if (cells)
+        (void)grid_.all_of(*cells, [&](std::uint64_t cell) {
+            wrong_.insert(tile.pass * grid_.count() + cell);
+            return true;
+        });
+}
+
+void ClientNode::take(const client::TilesWithdrawn& withdrawn) {
+    for (const PixelRect& rect : withdrawn.rects)
+        (void)grid_.all_of(grid_.cells(rect).value(), [&](std::uint64_t cell) {
+            if (!have_.at(cell))
+                violation("is told that a tile does not count which it was not given");
+            have_[cell] = false;
+            wrong_.erase(cell);
+            return true;
+        });
+}
+
+/// Of a job whose tiles are not all checked, or where it was said that some could not be.
+bool ClientNode::may_be_wrong() const {
+    return job_.wishes.verify < 1 || checks_.unchecked > 0;
 }
 
 void ClientNode::finish(const client::Outcome& outcome) {
@@ -243,6 +272,10 @@ void ClientNode::look_whether_whole() {
                          : have_.end();
     if (have_.empty() || !std::all_of(have_.begin(), end, [](bool cell) { return cell; }))
         violation("is done without all its pixels");
+    report.wrong_cells = wrong_.size();
+    report.unchecked_tiles = checks_.unchecked;
+    if (!wrong_.empty() && !may_be_wrong())
+        violation("is done with wrong pixels");
 }
 
 void ClientNode::violation(const std::string& what) {

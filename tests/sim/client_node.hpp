@@ -11,6 +11,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 namespace fraja::sim {
@@ -76,6 +77,8 @@ private:
     void watch();
     void take(const client::News& news);
     void take(const protocol::TileDone& tile);
+    void take(const client::TilesWithdrawn& withdrawn);
+    [[nodiscard]] bool may_be_wrong() const;
     void begin_following(const protocol::JobState& state);
     void finish(const client::Outcome& outcome);
     void look_whether_whole();
@@ -88,7 +91,9 @@ private:
     protocol::SubmitJob job_;
     bool over_ = false, watching_ = false;
     protocol::CellGrid grid_;
-    std::vector<bool> have_; ///< cells of all passes that it was given
+    std::vector<bool> have_;         ///< cells of all passes that it was given
+    std::set<std::uint64_t> wrong_;  ///< whose pixels are not what they should be
+    protocol::CheckCounts checks_{}; ///< as the broker says
 };
 
 } // namespace fraja::sim

@@ -15,6 +15,7 @@ constexpr Duration retry_pause = 2s; // WriterOptions'
 bool wants_sync(const broker::Write& write) {
     return std::holds_alternative<broker::PutJob>(write) ||
            std::holds_alternative<broker::PutPhase>(write) ||
+           std::holds_alternative<broker::PutDistrusted>(write) ||
            std::holds_alternative<broker::ForgetJob>(write);
 }
 

@@ -1,5 +1,7 @@
 #include "tests/sim/kept.hpp"
 
+#include "common/protocol/content_hash.hpp"
+
 #include <algorithm>
 
 namespace fraja::sim {
@@ -51,8 +53,21 @@ void Kept::put(const broker::PutPhase& put, Duration now) {
     kept.job.reason = put.reason;
     kept.job.elapsed = put.elapsed;
     kept.job.revision = put.revision;
+    kept.job.checks = put.checks;
     kept.over_at =
         protocol::is_over(put.phase) ? kept.over_at.value_or(now) : std::optional<Duration>();
+}
+
+void Kept::put(const broker::PutDistrusted& put, Duration) {
+    const auto job = jobs_.find(put.job);
+    if (job == jobs_.end())
+        return;
+    auto& distrusted = job->second.job.distrusted;
+    if (std::ranges::find(distrusted, put.worker) != distrusted.end())
+        return;
+    distrusted.push_back(put.worker);
+    for (const auto& tile : put.tiles)
+        job->second.tiles.erase(TileKey{tile.tile, tile.size.width, tile.size.height});
 }
 
 void Kept::put(const broker::PutPriority& put, Duration) {
@@ -96,7 +111,10 @@ broker::Contents Kept::contents(Duration wall_now) const {
                                  .pass = tile->pass,
                                  .rect = tile->rect,
                                  .rays = tile->rays,
-                                 .elapsed = tile->elapsed});
+                                 .elapsed = tile->elapsed,
+                                 .worker = tile->worker,
+                                 .worker_name = tile->worker_name,
+                                 .pixels = protocol::content_hash(joined(tile->blobs))});
         contents.jobs.push_back(std::move(job));
     }
     std::ranges::sort(contents.jobs, {}, &broker::StoredJob::number);

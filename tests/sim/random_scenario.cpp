@@ -149,6 +149,25 @@ void add_film(Rng& rng, Scenario& s) {
     }
 }
 
+/// One of at least four workers, of whom the others are honest. Broker above broker is left out: to
+/// the upper one all below the other are one worker.
+void add_liar(Rng& rng, Scenario& s) {
+    s.branches = 0;
+    for (WorkerPlan& worker : s.workers)
+        worker.branch = 0;
+    while (s.workers.size() < 3)
+        s.workers.push_back(random_worker(rng, false));
+    s.workers.push_back(random_worker(rng, true));
+    s.workers.back().lies = rng.below(2) == 0 ? 1 : rng.between(0.05, 1);
+    for (JobPlan& job : s.jobs) {
+        if (job.wishes.workers_max == 1)
+            job.wishes.workers_max = 2;
+        job.wishes.tags.clear(); // or there may be no third worker who can tell who is right
+        job.wishes.verify = job.settings.limited_in_time() ? 0 : 1;
+    }
+    s.ends_at += 30min;
+}
+
 /// Jobs that few workers may draw: what these take at worst, one after the other.
 Duration alone_on_slowest(const Scenario& s) {
     double rays_per_s = std::numeric_limits<double>::infinity(), rays = 0;
@@ -185,6 +204,8 @@ Scenario random_scenario(std::uint64_t seed) {
         add_film(rng, s);
     // All frames may be for one worker alone, at minutes each.
     s.ends_at = s.faults.heals_at + 30min + 5min * (s.jobs.size() - jobs) + alone_on_slowest(s);
+    if (rng.below(6) == 0)
+        add_liar(rng, s);
     return s;
 }
 

@@ -16,7 +16,7 @@ void Referee::begin(const broker::Contents* contents) {
         return;
     for (const broker::StoredJob& job : contents->jobs)
         for (const broker::StoredTile& tile : job.tiles)
-            take(job.submission.job, tile.pass, tile.rect);
+            take(job.submission.job, tile.pass, tile.rect, tile.worker);
 }
 
 Referee::Watched& Referee::watched(const JobId& job) {
@@ -31,8 +31,27 @@ Referee::Watched& Referee::watched(const JobId& job) {
     return at->second;
 }
 
-std::uint64_t Referee::take(const JobId& job, std::uint32_t pass, const PixelRect& rect) {
+std::uint64_t Referee::take(const JobId& job, std::uint32_t pass, const PixelRect& rect,
+                            const WorkerId& worker) {
     Watched& w = watched(job);
+    w.tiles.push_back({pass, rect, worker});
+    return mark(w, job, w.tiles.back());
+}
+
+/// What it has drawn does not count.
+void Referee::strike(const JobId& job, const WorkerId& worker) {
+    Watched& w = watched(job);
+    if (!w.struck.insert(worker).second)
+        return;
+    std::erase_if(w.tiles, [&](const Taken& tile) { return tile.worker == worker; });
+    std::fill(w.done.begin(), w.done.end(), false);
+    w.done_count = w.told_count = 0;
+    for (const Taken& tile : w.tiles)
+        (void)mark(w, job, tile);
+}
+
+std::uint64_t Referee::mark(Watched& w, const JobId& job, const Taken& tile) {
+    const auto& [pass, rect, worker] = tile;
     const auto cells = w.grid.cells(rect);
     if (!cells) {
         violation(job, "has a tile that is not of its cells");
@@ -62,12 +81,16 @@ void Referee::look_at(const broker::Action& action) {
         look_at(send->message);
     } else if (const auto* publish = std::get_if<broker::Publish>(&action)) {
         const auto* tile = std::get_if<protocol::TileDone>(&publish->message);
-        if (tile && !keeps_ && take(tile->job, tile->pass, tile->rect) == 0)
+        // That a worker is distrusted may not have been told, where nobody listened.
+        if (tile && !keeps_ && take(tile->job, tile->pass, tile->rect, tile->worker) == 0 &&
+            !has_liars(farm_.scenario))
             violation(tile->job, "has a tile accepted that brings nothing");
         look_at(publish->message);
     } else if (const auto* persist = std::get_if<broker::Persist>(&action)) {
+        if (const auto* distrusted = std::get_if<broker::PutDistrusted>(&persist->write))
+            strike(distrusted->job, distrusted->worker.worker);
         const auto* put = std::get_if<broker::PutTile>(&persist->write);
-        if (put && take(put->tile->job, put->tile->pass, put->tile->rect) == 0)
+        if (put && take(put->tile->job, put->tile->pass, put->tile->rect, put->tile->worker) == 0)
             violation(put->tile->job, "has a tile accepted that brings nothing");
     }
 }
@@ -82,12 +105,15 @@ void Referee::look_at(const protocol::Message& message) {
 }
 
 void Referee::look_at(const protocol::RenderTile& order) {
-    if (order.probe_side == 0 && is_done(order.job, order.pass, order.rect))
+    const bool is_checked = farm_.submitted.at(order.job).job.wishes.verify > 0;
+    if (order.probe_side == 0 && !is_checked && is_done(order.job, order.pass, order.rect))
         violation(order.job, "has a tile handed out that was done before");
 }
 
 void Referee::look_at(const protocol::JobState& state) {
     Watched& w = watched(state.job);
+    for (const protocol::Distrusted& who : state.distrusted)
+        strike(state.job, who.worker);
     if (state.done_count < w.told_count)
         violation(state.job, "has fewer cells than before");
     w.told_count = state.done_count;

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <vector>
 
 namespace fraja::sim {
@@ -21,15 +22,25 @@ public:
     void look_at(const broker::Action& action);
 
 private:
+    struct Taken {
+        std::uint32_t pass = 0;
+        PixelRect rect;
+        WorkerId worker;
+    };
     struct Watched {
         protocol::CellGrid grid;
         std::vector<bool> done{};     ///< cells of all passes, as far as is known
         std::uint64_t done_count = 0; ///< of these
         std::uint32_t told_count = 0; ///< in this epoch
+        std::vector<Taken> tiles{};
+        std::set<WorkerId> struck{}; ///< workers whose tiles do not count
     };
     [[nodiscard]] Watched& watched(const JobId& job);
     /// Whose cells, and how many of them are new now.
-    std::uint64_t take(const JobId& job, std::uint32_t pass, const PixelRect& rect);
+    std::uint64_t take(const JobId& job, std::uint32_t pass, const PixelRect& rect,
+                       const WorkerId& worker);
+    std::uint64_t mark(Watched& w, const JobId& job, const Taken& tile);
+    void strike(const JobId& job, const WorkerId& worker);
     [[nodiscard]] bool is_done(const JobId& job, std::uint32_t pass, const PixelRect& rect);
     void look_at(const protocol::Message& message);
     void look_at(const protocol::RenderTile& order);

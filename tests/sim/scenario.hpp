@@ -6,6 +6,7 @@
 #include "common/protocol/messages.hpp"
 #include "tests/sim/work_map.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -47,6 +48,7 @@ struct WorkerPlan {
     std::uint32_t threads = 1;
     double rays_per_s = 1e6; ///< of a thread
     std::vector<std::string> tags;
+    double lies = 0;        ///< share of the tiles that it answers wrong pixels for
     std::size_t branch = 0; ///< which broker it serves: the one above all, or a branch, from 1
 };
 
@@ -87,6 +89,8 @@ struct JobReport {
     bool acknowledged = false, done = false;
     Duration submitted_at{}, acknowledged_at{}, done_at{};
     std::string outcome; ///< of its client, where it is no success
+    std::uint64_t wrong_cells = 0;
+    std::uint32_t unchecked_tiles = 0;
 };
 
 /// What a worker's threads did.
@@ -113,6 +117,10 @@ struct Report {
 };
 
 [[nodiscard]] Report run(const Scenario& scenario);
+
+[[nodiscard]] inline bool has_liars(const Scenario& scenario) {
+    return std::ranges::any_of(scenario.workers, [](const WorkerPlan& w) { return w.lies > 0; });
+}
 
 /// A small farm with every kind of accident, as the seed will have it.
 [[nodiscard]] Scenario random_scenario(std::uint64_t seed);

@@ -314,7 +314,19 @@ std::vector<Blob> WorkerNode::answer(const worker::StartTile& tile) const {
     }
     if (!farm_.scenario.pixels)
         return {black(tile.rect.pixel_count() * tile.settings.pixel_bytes())};
-    return {Blob(pixels_of({tile.scene, tile.settings, tile.pass}, tile.rect))};
+    Bytes pixels = pixels_of({tile.scene, tile.settings, tile.pass}, tile.rect);
+    if (lies_about(tile))
+        pixels.front() ^= std::byte{1};
+    return {Blob(std::move(pixels))};
+}
+
+/// The same each time, as a liar would that is not to be caught at it.
+bool WorkerNode::lies_about(const worker::StartTile& tile) const {
+    if (plan_.lies <= 0)
+        return false;
+    Rng rng(farm_.scenario.seed ^ (std::uint64_t{tile.rect.x} << 32 | tile.rect.y));
+    return Rng(rng.next() ^ (std::uint64_t{tile.rect.width} << 32 | tile.rect.height)).unit() <
+           plan_.lies;
 }
 
 } // namespace fraja::sim

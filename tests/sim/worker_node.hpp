@@ -72,6 +72,7 @@ private:
     void render(Index session, worker::StartTile&& tile);
     void end_tile(Index session, const worker::StartTile& tile, Duration time, double rays);
     [[nodiscard]] std::vector<Blob> answer(const worker::StartTile& tile) const;
+    [[nodiscard]] bool lies_about(const worker::StartTile& tile) const;
     [[nodiscard]] double rays_of(const worker::StartTile& tile) const;
     [[nodiscard]] std::vector<float> probe(const worker::StartTile& tile) const;
 

@@ -177,9 +177,15 @@ std::string told(const PutTile& write) {
     return "PutTile" + fields_of(*tile);
 }
 std::string told(const PutPhase& write) {
-    const auto& [job, phase, reason, elapsed, revision] = write;
+    const auto& [job, phase, reason, elapsed, revision, checks] = write;
     return "PutPhase" + field("job", job) + field("phase", phase) + field("reason", reason) +
-           field("elapsed", elapsed) + field("revision", revision.counter);
+           field("elapsed", elapsed) + field("revision", revision.counter) +
+           field("agreed", checks.agreed) + field("unchecked", checks.unchecked);
+}
+std::string told(const PutDistrusted& write) {
+    const auto& [job, worker, tiles, revision] = write;
+    return "PutDistrusted" + field("job", job) + fields_of(worker) + field("tiles", tiles.size()) +
+           field("revision", revision.counter);
 }
 std::string told(const PutPriority& write) {
     const auto& [job, priority, revision] = write;

@@ -56,6 +56,20 @@ TEST_CASE("parse_byte_size counts in powers of 1024 and refuses overflow") {
     }
 }
 
+TEST_CASE("parse_share reads shares and percentages, from none to all") {
+    CHECK(parse_share("0") == 0.0);
+    CHECK(parse_share("0.1") == 0.1);
+    CHECK(parse_share("1") == 1.0);
+    CHECK(parse_share("10%") == 0.1);
+    CHECK(parse_share("2.5%") == 0.025);
+    CHECK(parse_share("100%") == 1.0);
+    for (const char* text : {"", "%", "10", "1.1", "101%", "-0.1", "-1%", "0.1x", "1 %", "nan",
+                             "inf", "1e-1", "0,1"}) {
+        CAPTURE(text);
+        CHECK_FALSE(parse_share(text).has_value());
+    }
+}
+
 TEST_CASE("format_duration writes minutes and, when there are any, hours") {
     CHECK(format_duration(42s) == "0:42");
     CHECK(format_duration(727s) == "12:07");

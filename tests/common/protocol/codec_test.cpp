@@ -206,6 +206,15 @@ TEST_CASE("what was kept of a tile is read without its pixels") {
         CHECK(read->rays == tile.rays);
         CHECK(read->worker_name == tile.worker_name);
         CHECK(read->tile == tile.tile);
+        CHECK(read->worker == tile.worker);
+        // As a version wrote it that knew nothing of who drew it but a name.
+        Bytes older = encode(tile).body;
+        older[0] = std::byte{0x98};
+        older.resize(older.size() - 18);
+        const auto nameless = decode_kept<TileDone>(older);
+        REQUIRE(nameless.has_value());
+        CHECK(nameless->worker == WorkerId{});
+        CHECK(nameless->elapsed == tile.elapsed);
     });
 }
 

@@ -120,6 +120,10 @@ std::string type_name() {
         return "BrokerState";
     else if constexpr (std::is_same_v<T, Wishes>)
         return "Wishes";
+    else if constexpr (std::is_same_v<T, Distrusted>)
+        return "Distrusted";
+    else if constexpr (std::is_same_v<T, CheckCounts>)
+        return "CheckCounts";
     else if constexpr (std::is_same_v<T, Term>)
         return "Term";
     else if constexpr (std::is_same_v<T, Member>)
@@ -200,6 +204,8 @@ TEST_CASE("the page describes every message and record with its fields in order"
     compare(std::type_identity<BrokerState>{}, "BrokerState");
     compare(std::type_identity<PeerState>{}, "PeerState");
     compare(std::type_identity<Wishes>{}, "Wishes");
+    compare(std::type_identity<Distrusted>{}, "Distrusted");
+    compare(std::type_identity<CheckCounts>{}, "CheckCounts");
     for_each_message_type([&]<class M>(std::type_identity<M> m) {
         compare(m, std::to_string(M::type) + " " + std::string(M::name));
     });
@@ -232,6 +238,7 @@ TEST_CASE("the page has the limits of the code and no other") {
         {"tile_side_max", tile_side_max},
         {"cells_per_job_max", cells_per_job_max},
         {"brokers_max", brokers_max},
+        {"distrusted_max", distrusted_max},
         {"probe_squares_max", probe_squares_max},
         {"depth_max", depth_max},
         {"aa_max", aa_max},

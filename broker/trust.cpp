@@ -1,0 +1,258 @@
+// Dispatcher: tiles that a second worker draws as well, and what becomes of a worker whose pixels
+// are wrong.
+#include "broker/dispatcher.hpp"
+
+#include "common/base/rng.hpp"
+#include "common/base/text.hpp"
+#include "common/protocol/content_hash.hpp"
+#include "common/protocol/limits.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+namespace fraja::broker {
+
+using namespace protocol;
+
+namespace {
+
+constexpr std::size_t reason_bytes_max = 500;
+
+ContentHash pixels_hash(const std::vector<Blob>& pixels) {
+    ContentHasher hasher;
+    for (const Blob& blob : pixels)
+        hasher.add(blob);
+    return hasher.finish();
+}
+
+std::uint64_t number_of(const JobId& id) {
+    std::uint64_t parts[2];
+    std::memcpy(parts, id.bytes.data(), sizeof parts);
+    return parts[0] ^ parts[1];
+}
+
+std::string names_of(const Checks::Check& check) {
+    std::vector<std::string> names;
+    for (const Checks::Answer& answer : check.answers)
+        if (std::ranges::find(names, answer.worker_name) == names.end())
+            names.push_back(answer.worker_name);
+    return comma_list(names);
+}
+
+} // namespace
+
+// ----------------------------------------------------------------------------------------- checks
+
+/// Whatever the order in which tiles come. Workers do not know the key: none can answer right where
+/// it will be checked, and wrong elsewhere.
+bool Dispatcher::is_to_be_checked(const Job& job, const Tile& tile) const {
+    const double share = job.submission().wishes.verify;
+    if (!(share > 0) || is_order(job))
+        return false;
+    Rng rng(identity_.check_key ^ number_of(job.id()));
+    rng = Rng(rng.next() ^ static_cast<std::uint64_t>(job.index(tile)));
+    rng = Rng(rng.next() ^ (std::uint64_t{tile.cells.width} << 32 | tile.cells.height));
+    return rng.unit() < share;
+}
+
+void Dispatcher::want_check(Job& job, const Tile& tile, const TileDone& result) {
+    if (is_to_be_checked(job, tile))
+        job.want_check(tile, {result.worker, result.worker_name, pixels_hash(result.blobs)});
+}
+
+Checks::HasOthers Dispatcher::others_for(const Job& job) const {
+    return [this, &job](const Checks::Check& check) {
+        return std::ranges::any_of(workers_, [&](const auto& entry) {
+            const WorkerSession& worker = entry.second;
+            return worker.room() > 0 && has_tags(worker, job.submission().wishes) &&
+                   !job.distrusts(worker.hello.worker) &&
+                   check.is_new_to(worker.hello.worker, worker.hello.worker_name);
+        });
+    };
+}
+
+bool Dispatcher::grant_check(const PeerId& peer, WorkerSession& worker, Job& job) {
+    if (!job.checks().has_pending())
+        return false;
+    const AttemptNumber attempt{attempts_ + 1};
+    const auto check = job.assign_check(worker.hello.worker, worker.hello.worker_name,
+                                        {peer, attempt}, others_for(job));
+    if (!check)
+        return false;
+    send_grant(peer, worker, job,
+               Grant{.check = check->first,
+                     .tile = check->second,
+                     .work = job.costs().work(check->second.cells)},
+               attempt);
+    return true;
+}
+
+void Dispatcher::check_rendered(Job& job, WorkerSession& worker, const Grant& grant,
+                                AttemptNumber attempt, const TileRendered& answer) {
+    if (!job.check_assigned_as(grant.check, attempt)) {
+        ++counters_.answers_unneeded;
+        return;
+    }
+    (void)count_rendered(job, worker, grant, answer);
+    const std::uint32_t agreed = job.checks().counts().agreed;
+    const std::vector<WorkerId> wrong = job.answer_check(
+        grant.check, {worker.hello.worker, worker.hello.worker_name, pixels_hash(answer.blobs)});
+    counters_.tiles_checked += job.checks().counts().agreed - agreed;
+    if (const Checks::Check* check = job.checks().find(grant.check); check && !check->agrees()) {
+        const std::vector<Checks::Answer> answers = check->answers;
+        const std::string tile = described(job, grant.tile);
+        if (wrong.empty() && answers.size() == 2) // once
+            log({.level = LogLevel::warning,
+                 .kind = "tile_contested",
+                 .subject = to_string(job.id()),
+                 .text = tile + ": workers " + names_of(*check) +
+                         " have drawn different pixels; who is right is being found out"});
+        std::vector<Distrusted> liars;
+        for (const WorkerId& id : wrong) {
+            const auto said = std::ranges::find(answers, id, &Checks::Answer::worker);
+            const bool twice = std::ranges::any_of(answers, [&](const Checks::Answer& other) {
+                return other.worker == id && other.pixels != said->pixels;
+            });
+            liars.push_back({id, said->worker_name,
+                             tile + (twice ? ": it has drawn it twice, and not the same"
+                                           : ": two others have drawn the same, and it has not")});
+        }
+        distrust(liars, answer.job);
+    }
+    if (Job* still = job_of(answer.job); still && !is_over(still->phase)) {
+        look_ready(*still);
+        end_if_done(*still);
+    }
+}
+
+/// All of it is there, and what was to be checked is, as far as there is somebody for it: nobody is
+/// waited for, but where workers disagree.
+void Dispatcher::end_if_done(Job& job) {
+    if (!deals_out() || !job.all_done() || is_over(job.phase))
+        return;
+    if (!job.checks().empty()) {
+        if (!job.may_run() || job.in_flight_count() > 0)
+            return;
+        const std::uint32_t given_up = job.give_up_checks(others_for(job));
+        if (given_up > 0)
+            log({.level = LogLevel::warning,
+                 .kind = "tiles_unchecked",
+                 .subject = to_string(job.id()),
+                 .text = described(job) + ": " + counted(given_up, "tile") +
+                         " could not be checked: there is no second worker"});
+        counters_.tiles_unchecked += given_up;
+        look_ready(job);
+        if (!job.checks().empty())
+            return;
+    }
+    end_job(job, JobPhase::done, "");
+}
+
+/// Whoever could have checked them may have gone.
+void Dispatcher::end_jobs_without_checkers() {
+    std::vector<JobId> waiting;
+    for (const auto& [id, job] : jobs_)
+        if (!job.checks().empty() && job.all_done())
+            waiting.push_back(id);
+    for (const JobId& id : waiting)
+        if (Job* job = job_of(id))
+            end_if_done(*job);
+}
+
+/// Why a job of which all is drawn does not end.
+std::optional<std::string> Dispatcher::contest(const Job& job) const {
+    if (!job.all_done() || job.in_flight_count() > 0)
+        return std::nullopt;
+    const Checks::Check* check = job.checks().contested();
+    if (!check)
+        return std::nullopt;
+    return "waiting: workers " + names_of(*check) + " have drawn different pixels (" +
+           described(job, check->tile) +
+           "), and it takes one more worker that may draw it to tell which are right: start one";
+}
+
+// ------------------------------------------------------------------------------------------ trust
+
+/// They were found in that job; all others that they have drawn for must do without, too. Before
+/// anything else: what is taken back from them may be the last that a job has waited for.
+void Dispatcher::distrust(const std::vector<Distrusted>& liars, const JobId& found_in) {
+    for (const Distrusted& who : liars)
+        void_all_tiles(who, found_in);
+    for (const Distrusted& who : liars)
+        if (const auto peer = peer_of_worker_.find(who.worker); peer != peer_of_worker_.end())
+            give_no_more(PeerId(peer->second), workers_.at(peer->second), who.reason);
+}
+
+void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
+    std::vector<JobId> concerned;
+    for (const auto& [id, job] : jobs_) {
+        if (job.distrusts(who.worker) || (id != found_in && !job.has_tiles_of(who.worker)))
+            continue;
+        if (!is_over(job.phase) && !job.submission().settings.limited_in_time())
+            concerned.push_back(id);
+        else
+            log({.level = LogLevel::warning,
+                 .kind = "tiles_in_doubt",
+                 .subject = to_string(id),
+                 .text = described(job) + " has tiles of worker " + who.worker_name +
+                         ", which has answered wrong pixels elsewhere: submit it again"});
+    }
+    for (const JobId& id : concerned)
+        if (Job* job = job_of(id); job && !is_over(job->phase))
+            void_tiles(*job, who);
+}
+
+void Dispatcher::void_tiles(Job& job, const Distrusted& who) {
+    if (job.distrusted().size() >= distrusted_max)
+        return end_job(job, JobPhase::failed,
+                       "more than " + std::to_string(distrusted_max) +
+                           " workers have answered wrong pixels");
+    const Distrusted named{who.worker, std::string(clipped(who.worker_name, name_bytes_max)),
+                           std::string(clipped(who.reason, reason_bytes_max))};
+    const Job::Voided voided = job.distrust(named);
+    cancel_unwanted(job, voided.unwanted);
+    note_change(job);
+    if (!voided.tiles.empty())
+        log({.level = LogLevel::warning,
+             .kind = "tiles_voided",
+             .subject = to_string(job.id()),
+             .text = described(job) + ": " + counted(voided.tiles.size(), "tile") + " of worker " +
+                     who.worker_name + " do not count"});
+    if (job.is_kept) {
+        PutDistrusted put{job.id(), named, {}, job.revision};
+        for (const Tile& tile : voided.tiles) {
+            const PixelRect r = job.rect(tile);
+            put.tiles.push_back({job.index(tile), {r.width, r.height}});
+        }
+        persist(std::move(put), {.job = job.id()});
+    }
+    look_ready(job);
+    tell_changes(); // before anybody else hears of it
+    publish_state(job);
+}
+
+/// Another broker has found them out. Whether some of them were not known here.
+bool Dispatcher::take_distrusted(Job& job, const std::vector<Distrusted>& theirs) {
+    const std::size_t before = job.distrusted().size();
+    const bool followed = std::exchange(follows_, true);
+    for (const Distrusted& who : theirs)
+        if (!job.distrusts(who.worker) && job.distrusted().size() < distrusted_max) {
+            void_tiles(job, who);
+            if (const auto peer = peer_of_worker_.find(who.worker); peer != peer_of_worker_.end())
+                give_no_more(PeerId(peer->second), workers_.at(peer->second),
+                             job.distrusted().back().reason);
+        }
+    follows_ = followed;
+    return job.distrusted().size() > before;
+}
+
+/// What is known of one that says hello: a broker that was started anew has it from its jobs.
+void Dispatcher::recall_distrust(WorkerSession& worker) const {
+    for (const auto& [id, job] : jobs_)
+        for (const Distrusted& who : job.distrusted())
+            if (who.worker == worker.hello.worker)
+                worker.distrusted = who.reason;
+}
+
+} // namespace fraja::broker
