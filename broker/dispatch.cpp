@@ -35,8 +35,8 @@ bool fits(const std::string& wanted, const std::string& tag) {
 
 void Dispatcher::update_load(const PeerId& peer, WorkerSession& worker) {
     std::optional<std::uint64_t> load;
-    if (worker.grants.size() < worker.room())
-        load = (std::uint64_t{worker.grants.size()} << 16) / worker.hello.threads;
+    if (worker.held() < worker.room())
+        load = (std::uint64_t{worker.held()} << 16) / worker.hello.threads;
     if (load == worker.load)
         return;
     if (worker.load)
@@ -129,7 +129,7 @@ bool Dispatcher::give_one_of(const ReadyJobs::Group& group) {
             return true;
     if ((party.workers().empty() || first.was_overbooked()) &&
         give_to([&](const WorkerSession& worker) {
-            return worker.grants.size() < worker.hello.threads && is_at_home(worker);
+            return worker.held() < worker.hello.threads && is_at_home(worker);
         }))
         return true;
     return give_to([](const WorkerSession&) { return true; });
@@ -327,7 +327,7 @@ bool Dispatcher::grant_tile(const PeerId& peer, WorkerSession& worker, Job& job)
 void Dispatcher::send_grant(const PeerId& peer, WorkerSession& worker, Job& job, Grant grant,
                             AttemptNumber attempt) {
     const std::uint32_t probe_side = grant.probe_side;
-    FRAJA_ASSERT(worker.grants.size() < worker.room());
+    FRAJA_ASSERT(worker.held() < worker.room());
     attempts_ = static_cast<std::uint32_t>(attempt);
     ++counters_.tiles_sent;
     const TileIndex tile = probe_side > 0 ? TileIndex{} : job.index(grant.tile);

@@ -112,9 +112,12 @@ private:
         std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
         std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
+        std::size_t of_others = 0; ///< of these: no grants of ours, and they fill its credit
         /// It has not said yet what others have given it, and gets nothing before that.
         std::optional<Instant> tells_by;
 
+        /// Tiles that it has to draw, or will have when they have come.
+        [[nodiscard]] std::size_t held() const { return grants.size() + of_others; }
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
             return drained || quarantined_until || !distrusted.empty() || tells_by ? 0 : credit;
@@ -223,6 +226,7 @@ private:
     void stop_leading();
     void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
+    void count_those_of_others(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
     void take_witnessed(const protocol::WorkerHello& worker, const protocol::TileRendered& answer);
 

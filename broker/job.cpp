@@ -481,7 +481,8 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun
             .frame = submission_.wishes.frame,
             .checks = checks_.counts(),
             .distrusted = distrusted_,
-            .verify = submission_.wishes.verify};
+            .verify = submission_.wishes.verify,
+            .revision = revision};
 }
 
 } // namespace fraja::broker

@@ -28,7 +28,7 @@ bool Dispatcher::somebody_is_idle() const {
     if (free_workers_.empty())
         return false;
     const WorkerSession& least = workers_.at(free_workers_.begin()->second);
-    return least.grants.size() < least.hello.threads;
+    return least.held() < least.hello.threads;
 }
 
 bool Dispatcher::somebody_has_tiles() const {
@@ -84,10 +84,9 @@ std::vector<Dispatcher::Idle> Dispatcher::idle_workers() const {
     std::vector<Idle> idle;
     for (const auto& [load, peer] : free_workers_) {
         const WorkerSession& worker = workers_.at(peer);
-        if (worker.grants.size() >= worker.hello.threads)
+        if (worker.held() >= worker.hello.threads)
             break; // as all that follow
-        idle.push_back(
-            {peer, &worker, speed_of(worker), worker.hello.threads - worker.grants.size()});
+        idle.push_back({peer, &worker, speed_of(worker), worker.hello.threads - worker.held()});
     }
     return idle;
 }

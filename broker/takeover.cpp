@@ -100,11 +100,21 @@ void Dispatcher::stop_leading() {
 /// What it has in hand, by its own word.
 void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
     worker.in_hand = beat.in_flight;
-    if (!worker.tells_by || beat.term < term())
-        return;
-    if (deals_out())
-        adopt_in_hand(peer, worker);
-    set_tells_by(peer, worker, std::nullopt);
+    if (worker.tells_by && !(beat.term < term())) {
+        if (deals_out())
+            adopt_in_hand(peer, worker);
+        set_tells_by(peer, worker, std::nullopt);
+    }
+    count_those_of_others(peer, worker);
+}
+
+/// It goes on with what it was given before it was greeted anew, or by a leader of before.
+void Dispatcher::count_those_of_others(const PeerId& peer, WorkerSession& worker) {
+    worker.of_others = static_cast<std::size_t>(
+        std::ranges::count_if(worker.in_hand, [&](const TileInFlight& tile) {
+            return !worker.grants.contains({tile.job, tile.tile, tile.attempt});
+        }));
+    update_load(peer, worker);
 }
 
 void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
@@ -130,7 +140,7 @@ void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
         }
         worker.grants.emplace(key, std::move(grant));
     }
-    update_load(peer, worker);
+    count_those_of_others(peer, worker);
 }
 
 /// One that was greeted, or told that this broker leads, and has not said what it has.

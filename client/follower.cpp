@@ -42,6 +42,8 @@ Nonce make_nonce(Rng& rng) {
 bool is_newer(const protocol::JobState& next, const protocol::JobState& last) {
     if (next.epoch != last.epoch)
         return next.epoch > last.epoch;
+    if (next.revision != last.revision) // other brokers of the epoch may be behind
+        return next.revision > last.revision;
     if (next.distrusted.size() != last.distrusted.size()) // it only grows; what is done need not
         return next.distrusted.size() > last.distrusted.size();
     if (is_over(last.phase)) // for ever, or until it is tried again: then its time goes on
@@ -326,8 +328,8 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     repair_ends_ = Instant::never();
     const bool all_told = done.remaining_count == 0;
     caught_up_ = caught_up_ || all_told;
-    if (is_over(done.state.phase) != is_over(state_.phase))
-        repair_wanted_ = now; // it was answered before the end, or before it was tried again
+    if (is_over(done.state.phase) != is_over(state_.phase)) // before the end, or a new beginning
+        repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause; // or by one behind
     else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
              (have_count_ >= done.state.done_count || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more

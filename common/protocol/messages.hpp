@@ -437,6 +437,7 @@ struct JobState {
     CheckCounts checks;
     std::vector<Distrusted> distrusted;
     double verify = 0;
+    Revision revision;
     friend bool operator==(const JobState&, const JobState&) = default;
     template <class T = JobState>
     static constexpr auto fields() {
@@ -464,7 +465,8 @@ struct JobState {
                           Field{"frame", &T::frame},
                           Field{"checks", &T::checks},
                           Field{"distrusted", &T::distrusted},
-                          Field{"verify", &T::verify}};
+                          Field{"verify", &T::verify},
+                          Field{"revision", &T::revision}};
     }
 };
 

@@ -465,6 +465,52 @@ TEST_CASE("a job that was cancelled and is tried again is followed on, and late 
     CHECK(hear(running, 4, 8s) == done);
 }
 
+TEST_CASE("of brokers that stand for each other the one that has heard most of a job is heeded") {
+    protocol::JobState job = job_of_four_tiles();
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    follower.start(Instant{}, actions);
+    const auto hear = [&](protocol::JobPhase phase, std::uint64_t revision, Duration elapsed) {
+        job.phase = phase;
+        job.done_count = 2; // of which none are here
+        job.revision.counter = revision;
+        job.elapsed = elapsed;
+        follower.step(Instant{}, FromStream{job}, actions);
+        return follower.state().phase;
+    };
+    using enum protocol::JobPhase;
+    CHECK(hear(running, 1, 14s) == running); // one that was cut off has it go on and on
+    CHECK(hear(cancelled, 2, 6s) == cancelled);
+    CHECK(hear(running, 1, 15s) == cancelled);
+    CHECK(hear(running, 3, 6s) == running);
+    CHECK(hear(cancelled, 2, 6s) == running);
+    CHECK(hear(cancelled, 4, 5s) == cancelled);
+    CHECK(hear(running, 3, 20s) == cancelled);
+}
+
+TEST_CASE("a broker that is behind is not asked again and again at once") {
+    Following f;
+    f.job.revision.counter = 2;
+    f.job.phase = protocol::JobPhase::done;
+    f.job.done_count = 4;
+    f.step(FromStream{f.job});
+    protocol::JobState behind = f.job;
+    behind.revision = {};
+    behind.phase = protocol::JobPhase::running;
+    behind.done_count = 0;
+    int asked = 0;
+    for (int answer = 0; answer < 100; ++answer) {
+        f.now = f.now + 1ms;
+        f.step(FromBroker{protocol::RepairDone{behind, 0}});
+        f.step(Tick{});
+        asked += repair_in(f.actions).has_value();
+        f.actions.clear();
+    }
+    CHECK(asked <= 1);
+    CHECK(f.follower.next_deadline() <= f.now + 2s);
+    CHECK_FALSE(f.follower.is_complete());
+}
+
 TEST_CASE("a job that was acknowledged does not wait for its scene again") {
     protocol::JobState job = job_of_four_tiles();
     job.phase = protocol::JobPhase::queued;

@@ -15,7 +15,8 @@ constexpr auto usage =
     "fraja-sim [--brokers B] ([--hours H] [--from S] [--failures N] | --seed S)\n"
     "Farms in pretend time. As the seed will have it: delay, duplicates, broken connections,\n"
     "partitions of one node or many, crashes, hangs, slow machines, bad disks, wrong clocks.\n"
-    "  --brokers B   stand for each other in each farm, which has no branches then; 1 without it\n"
+    "  --brokers B   stand for each other in each farm, which has no branches then; without it in\n"
+    "                every fourth farm, 2 to 5\n"
     "  --hours H     of pretend time, farm after farm; 10 without it\n"
     "  --from S      the first farm's seed; 1 without it\n"
     "  --failures N  are enough: ends then\n"
@@ -42,7 +43,7 @@ void tell_seed_of_deaths() {
 struct Options {
     double hours = 10;
     std::uint64_t from = 1, failures_max = UINT64_MAX;
-    std::size_t brokers = 1;
+    std::size_t brokers = 0; // 0: as the seed will have it
     bool one = false;
 };
 
@@ -87,12 +88,8 @@ int main(int argc, char** argv) {
     for (; goes_on(); ++seed) {
         seed_at_hand = seed;
         sim::Scenario scenario = sim::random_scenario(seed);
-        if (options.brokers > 1) {
-            scenario.brokers = options.brokers;
-            scenario.branches = 0;
-            for (sim::WorkerPlan& worker : scenario.workers)
-                worker.branch = 0;
-        }
+        if (options.brokers > 0)
+            sim::stand_for_each_other(scenario, options.brokers);
         if (options.one)
             scenario.on_log = [](Instant now, const std::string& line) {
                 fmt::print("{:.6f} {}\n", seconds(now.since_start), line);

@@ -48,7 +48,7 @@ void Network::thaw_when_due(Process& process) {
 void Network::wake(Process& process, Instant deadline) {
     if (deadline > farm_.now())
         process.hurries = 0;
-    else if (++process.hurries == hurries_max)
+    else if (process.backlog.empty() && ++process.hurries == hurries_max) // it does tick, that is
         farm_.violation("a program's deadline is over again and again: it spins");
     process.deadline =
         deadline == Instant::never() ? deadline : std::max(deadline, farm_.now() + 1us);

@@ -181,6 +181,13 @@ Duration alone_on_slowest(const Scenario& s) {
 
 } // namespace
 
+void stand_for_each_other(Scenario& s, std::size_t brokers) {
+    s.brokers = brokers;
+    s.branches = 0;
+    for (WorkerPlan& worker : s.workers)
+        worker.branch = 0;
+}
+
 Scenario random_scenario(std::uint64_t seed) {
     Rng rng(seed);
     Scenario s;
@@ -206,6 +213,8 @@ Scenario random_scenario(std::uint64_t seed) {
     s.ends_at = s.faults.heals_at + 30min + 5min * (s.jobs.size() - jobs) + alone_on_slowest(s);
     if (rng.below(6) == 0)
         add_liar(rng, s);
+    if (rng.below(4) == 0)
+        stand_for_each_other(s, 2 + rng.below(4));
     return s;
 }
 

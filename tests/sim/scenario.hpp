@@ -122,6 +122,8 @@ struct Report {
     return std::ranges::any_of(scenario.workers, [](const WorkerPlan& w) { return w.lies > 0; });
 }
 
+/// So many brokers, none of which has branches.
+void stand_for_each_other(Scenario& scenario, std::size_t brokers);
 /// A small farm with every kind of accident, as the seed will have it.
 [[nodiscard]] Scenario random_scenario(std::uint64_t seed);
 
