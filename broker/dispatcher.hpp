@@ -95,6 +95,11 @@ private:
 
         [[nodiscard]] bool has_begun() const { return rays > 0 || overtaken; }
     };
+    /// A tile of a worker, by its own word.
+    struct InHand {
+        protocol::TileInFlight tile;
+        Instant progress_at;
+    };
     struct WorkerSession {
         protocol::WorkerHello hello;
         std::uint32_t credit = 0;
@@ -111,10 +116,11 @@ private:
         std::string distrusted; ///< why it gets nothing: its pixels are wrong; empty: they are not
         std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
-        std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
+        std::map<GrantKey, InHand> in_hand; ///< as it said last, whoever gave them
         std::size_t of_others = 0; ///< of these: no grants of ours, and they fill its credit
-        /// It has not said yet what others have given it, and gets nothing before that.
-        std::optional<Instant> tells_by;
+        /// What others have given it, since it was greeted or this broker leads.
+        bool has_told = false;
+        std::optional<Instant> tells_by; ///< it gets nothing before that, or before it has told
 
         /// Tiles that it has to draw, or will have when they have come.
         [[nodiscard]] std::size_t held() const { return grants.size() + of_others; }
@@ -193,7 +199,8 @@ private:
     void compare(const BrokerId& broker, const protocol::JobDigests& theirs);
     void ask_for_cells(const BrokerId& broker, const Job& job);
     void take_record(const BrokerId& broker, const protocol::JobRecord& record);
-    void adopt_job(const BrokerId& broker, const protocol::JobRecord& record);
+    void adopt_job(const BrokerId& broker, const protocol::JobRecord& record,
+                   const PeerId& client);
     void settle(Job& job);
     void follow(Job& job, const protocol::JobRecord& record);
     void give_number(Job& job, std::uint32_t number);
@@ -227,6 +234,7 @@ private:
     void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
     void count_those_of_others(const PeerId& peer, WorkerSession& worker);
+    void await_telling(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
     void take_witnessed(const protocol::WorkerHello& worker, const protocol::TileRendered& answer);
 
@@ -275,6 +283,7 @@ private:
     [[nodiscard]] std::shared_ptr<Party> party_of(const Job& job);
     [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
+    void fail_without_scene(Job& job, const std::string& why);
     void give_up_scene(Job& job, const std::string& why);
     void ask_others_for_scene(const ContentHash& scene);
     void give_up_scenes_that_do_not_come();

@@ -251,11 +251,26 @@ void Dispatcher::ask_for_scene(Job& job) {
     send(job.client(), NeedChunk{scene, blobs_.wanted_offset(scene)});
 }
 
-/// The job fails for want of its scene. Whoever else waits for the same one goes on with sending
-/// it.
+/// The job fails for want of its scene; its client hears of it, if it is there. Another broker may
+/// have it whole, as its client has gone there: then it fails nowhere else, and is forgotten here.
+void Dispatcher::fail_without_scene(Job& job, const std::string& why) {
+    const PeerId client = job.client();
+    const JobId id = job.id();
+    if (is_alone())
+        end_job(job, JobPhase::failed, why);
+    JobState state = state_of(job);
+    state.phase = JobPhase::failed;
+    state.reason = why;
+    if (!is_alone())
+        discard(id);
+    if (clients_.contains(client))
+        send(client, std::move(state));
+}
+
+/// Whoever else waits for the same one goes on with sending it.
 void Dispatcher::give_up_scene(Job& job, const std::string& why) {
     const ContentHash scene = job.submission().scene;
-    end_job(job, JobPhase::failed, why);
+    fail_without_scene(job, why);
     ask_others_for_scene(scene);
 }
 
@@ -278,15 +293,8 @@ void Dispatcher::give_up_scenes_that_do_not_come() {
     };
     // One at a time: the next may have been asked for its scene just now.
     for (auto stuck = jobs_.end();
-         (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();) {
-        Job& job = stuck->second;
-        if (job.is_adopted) { // nobody was told that it is kept
-            discard(job.id());
-            continue;
-        }
-        give_up_scene(job, "its client did not send the scene");
-        send(job.client(), state_of(job));
-    }
+         (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();)
+        give_up_scene(stuck->second, "its client did not send the scene");
 }
 
 void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
@@ -310,11 +318,9 @@ void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {
         return begin_jobs_of(chunk.blob);
     case BlobStore::Arrival::wrong_hash:
         for (const JobId& id : ids)
-            if (Job* job = job_of(id); job && job->client() == peer) {
-                end_job(*job, JobPhase::failed,
-                        "the scene that was sent does not have the announced hash");
-                send(peer, state_of(*job));
-            }
+            if (Job* job = job_of(id); job && job->client() == peer)
+                fail_without_scene(*job,
+                                   "the scene that was sent does not have the announced hash");
         for (const JobId& id : ids)
             if (Job* job = job_of(id); job && is_waiting_for_scene(*job))
                 return ask_for_scene(*job);
@@ -354,7 +360,7 @@ void Dispatcher::give_chunk(const PeerId& peer, WorkerSession& worker, const Nee
 /// What its parts cost is worth knowing where it can be cut, or is dealt out by that.
 void Dispatcher::want_probe(Job& job) {
     const SubmitJob& s = job.submission();
-    if (!s.settings.limited_in_time() &&
+    if (job.costs().is_blank() && !s.settings.limited_in_time() &&
         (s.tile_side == 0 || s.wishes.schedule == Schedule::weighted))
         job.probe = Job::Probe::wanted;
 }

@@ -193,9 +193,12 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     job.end_restoring();
     if (is_over(job.phase))
         return;
+    const auto scene = event.scenes.find(job.submission().scene);
+    if (scene == event.scenes.end() && job.phase == JobPhase::paused &&
+        job.revision == Revision{}) // a copy of which not all had come
+        return;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, id);
-    const auto scene = event.scenes.find(job.submission().scene);
     if (scene == event.scenes.end() || scene->second.size() != job.submission().scene_bytes ||
         !blobs_.acquire(scene->first, scene->second.size()))
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");
@@ -203,8 +206,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     bring_scene(scene->first, Blob(scene->second));
     if (job.all_done() && job.checks().empty())
         return end_job(job, JobPhase::done, "");
-    if (job.results().empty())
-        want_probe(job);
+    want_probe(job);
     look_ready(job);
 }
 

@@ -6,6 +6,8 @@ namespace fraja::broker {
 namespace {
 
 constexpr std::uint64_t counter_max = UINT64_MAX / 2; // no honest one comes to that
+constexpr std::uint32_t misjudged_max = 3;
+constexpr int forgiven_after = 10; // times its patience
 
 } // namespace
 
@@ -17,7 +19,11 @@ bool Membership::meet(Instant now, const protocol::BrokerHello& hello) {
     const auto [at, is_new] = peers_.try_emplace(hello.broker);
     Peer& peer = at->second;
     const bool was_gone = is_new || !is_here(peer, now);
-    peer.rank = {hello.started_at, hello.broker};
+    const Rank rank{hello.started_at, hello.broker};
+    if (is_new || peer.rank != rank)
+        peer = Peer{rank, {}, {}, false, now};
+    else
+        note_heard(now, peer);
     peer.endpoint = hello.endpoint;
     peer.program_version = hello.program_version;
     peer.heard_at = now;
@@ -26,7 +32,17 @@ bool Membership::meet(Instant now, const protocol::BrokerHello& hello) {
 
 void Membership::hear(Instant now, const BrokerId& broker) {
     if (const auto found = peers_.find(broker); found != peers_.end())
-        found->second.heard_at = now;
+        note_heard(now, found->second);
+}
+
+void Membership::note_heard(Instant now, Peer& peer) {
+    if (!is_here(peer, now)) {
+        peer.misjudged = std::min(peer.misjudged + 1, misjudged_max);
+        peer.back_at = now;
+    } else if (now - peer.back_at > forgiven_after * patience(peer)) {
+        peer.misjudged = 0;
+    }
+    peer.heard_at = now;
 }
 
 void Membership::hear(Instant now, const protocol::BrokerBeat& beat) {
@@ -34,7 +50,7 @@ void Membership::hear(Instant now, const protocol::BrokerBeat& beat) {
     const auto found = peers_.find(beat.broker);
     if (found == peers_.end())
         return;
-    found->second.heard_at = now;
+    note_heard(now, found->second);
     found->second.is_synced = beat.is_synced;
     found->second.digest = beat.digest;
 }
@@ -99,7 +115,7 @@ Instant Membership::next_deadline(Instant now) const {
     consider(looks_until_);
     consider(leads_from_);
     for (const auto& [id, peer] : peers_)
-        consider(peer.heard_at + terms_.patience + Duration(1));
+        consider(peer.heard_at + patience(peer) + Duration(1));
     return next;
 }
 

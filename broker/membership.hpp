@@ -35,8 +35,10 @@ public:
         Rank rank;
         std::string endpoint, program_version;
         bool is_synced = false; ///< as it says
-        Instant heard_at;
+        Instant heard_at{};
         std::uint64_t digest = 0;
+        std::uint32_t misjudged = 0; ///< so often it was held to be gone, and was not
+        Instant back_at{};           ///< the last time
     };
 
     /// `alone`: no others are known, so it need not look for any before it leads.
@@ -74,9 +76,14 @@ public:
     void forget(const BrokerId& broker) { peers_.erase(broker); }
 
 private:
-    [[nodiscard]] bool is_here(const Peer& peer, Instant now) const {
-        return now - peer.heard_at <= terms_.patience;
+    /// Whoever was misjudged is borne with for longer, or two would take turns on a slow network.
+    [[nodiscard]] Duration patience(const Peer& peer) const {
+        return terms_.patience * (1 << peer.misjudged);
     }
+    [[nodiscard]] bool is_here(const Peer& peer, Instant now) const {
+        return now - peer.heard_at <= patience(peer);
+    }
+    void note_heard(Instant now, Peer& peer);
     [[nodiscard]] bool should_lead(Instant now) const;
 
     Rank own_;

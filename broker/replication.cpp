@@ -151,10 +151,15 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         return tell(broker, JobForgotten{id});
     Job* job = job_of(id);
     if (!job)
-        return adopt_job(broker, record);
+        return adopt_job(broker, record, {});
     if (is_order(*job) || job->submission().scene != record.submission.scene ||
         job->submission().settings != record.submission.settings)
         return;
+    if (job->phase == JobPhase::waiting_for_scene && !job->is_adopted && !job->is_being_kept) {
+        const PeerId client = job->client();
+        discard(id);
+        return adopt_job(broker, record, client);
+    }
     if (job->is_being_kept || job->phase == JobPhase::waiting_for_scene)
         job->waiting_for_copy.insert(broker);
     else
@@ -170,7 +175,7 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
 }
 
 /// One that is not here. What is over needs no scene.
-void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
+void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record, const PeerId& client) {
     const SubmitJob& s = record.submission;
     const auto over =
         std::ranges::count_if(jobs_, [](const auto& entry) { return is_over(entry.second.phase); });
@@ -180,7 +185,7 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record) {
     if (is_full || fault_of(s) || record.distrusted.size() > distrusted_max || record.passes == 0 ||
         record.passes > pass_count(s.settings))
         return;
-    Job fresh(s, record.number, {});
+    Job fresh(s, record.number, client);
     fresh.set_passes(record.passes);
     // One that is done is so when its tiles are here. Until then it counts as older than it is.
     fresh.phase = is_over(record.phase) && record.phase != JobPhase::done
@@ -234,7 +239,7 @@ void Dispatcher::settle(Job& job) {
     const bool is_tried_again = is_over(job.phase) && !is_over(word.phase);
     if (job.phase == JobPhase::waiting_for_scene)
         return;
-    if (word.phase == JobPhase::done && !is_over(job.phase) &&
+    if (word.phase == JobPhase::done && job.phase != JobPhase::done &&
         (job.done_count() < word.done_count || !job.first_pass_done()))
         return; // its last tiles are still to come
     if (is_tried_again && !job.holds_scene) {
@@ -351,7 +356,8 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
         job.phase = JobPhase::paused;
         job.reason = "its tiles are still to come from another broker";
         job.acknowledged_at = now_;
-        look_ready(job);
+        const Following following(follows_);
+        keep_phase(job);
     } else if (!is_over(job.phase)) {
         acknowledge(job);
     }

@@ -121,6 +121,7 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
         worker.speed.add(hello.speed_rays_per_s / hello.threads, std::chrono::seconds(1));
     if (!is_alone())
         worker.tells_by = now_ + gathering_time();
+    worker.has_told = is_alone();
     set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
     ++counters_.workers_welcomed;

@@ -45,7 +45,7 @@ void Dispatcher::begin_to_lead() {
          .text = "this broker leads: it hands out the tiles (term " +
                  std::to_string(term().counter) + ")"});
     for (auto& [peer, worker] : workers_)
-        set_tells_by(peer, worker, gathers_until_);
+        await_telling(peer, worker);
     tell_of_brokers();
 }
 
@@ -62,9 +62,9 @@ void Dispatcher::end_gathering() {
         (void)job.drop_unfinished();
         job.revive();
         job.probe = Job::Probe::over;
-        if (job.results().empty())
-            want_probe(job);
-        if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+        want_probe(job);
+        if (const PictureSettings& s = job.submission().settings;
+            s.limited_in_time() && job.holds_scene)
             deadlines_.emplace(job.submitted_at + s.time_limit, id);
         if (job.all_done())
             done.push_back(id);
@@ -99,32 +99,46 @@ void Dispatcher::stop_leading() {
 
 /// What it has in hand, by its own word.
 void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
-    worker.in_hand = beat.in_flight;
-    if (worker.tells_by && !(beat.term < term())) {
+    std::map<GrantKey, InHand> now;
+    for (const TileInFlight& tile : beat.in_flight) {
+        const GrantKey key{tile.job, tile.tile, tile.attempt};
+        const auto before = worker.in_hand.find(key);
+        const bool stands_still = before != worker.in_hand.end() &&
+                                  tile.rays <= before->second.tile.rays;
+        now.emplace(key, InHand{tile, stands_still ? before->second.progress_at : now_});
+    }
+    worker.in_hand = std::move(now);
+    if (!worker.has_told && !(beat.term < term())) { // late, perhaps
         if (deals_out())
             adopt_in_hand(peer, worker);
+        worker.has_told = true;
         set_tells_by(peer, worker, std::nullopt);
     }
     count_those_of_others(peer, worker);
 }
 
+void Dispatcher::await_telling(const PeerId& peer, WorkerSession& worker) {
+    worker.has_told = false;
+    set_tells_by(peer, worker, now_ + gathering_time());
+}
+
 /// It goes on with what it was given before it was greeted anew, or by a leader of before.
 void Dispatcher::count_those_of_others(const PeerId& peer, WorkerSession& worker) {
     worker.of_others = static_cast<std::size_t>(
-        std::ranges::count_if(worker.in_hand, [&](const TileInFlight& tile) {
-            return !worker.grants.contains({tile.job, tile.tile, tile.attempt});
+        std::ranges::count_if(worker.in_hand, [&](const auto& entry) {
+            return !worker.grants.contains(entry.first);
         }));
     update_load(peer, worker);
 }
 
 void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
-    for (const TileInFlight& in_hand : worker.in_hand) {
-        const GrantKey key{in_hand.job, in_hand.tile, in_hand.attempt};
+    for (const auto& [key, held] : worker.in_hand) {
+        const TileInFlight& in_hand = held.tile;
         if (worker.grants.contains(key))
             continue;
         attempts_ = std::max(attempts_, static_cast<std::uint32_t>(in_hand.attempt));
         Grant grant{.granted_at = now_,
-                    .progress_at = now_,
+                    .progress_at = held.progress_at,
                     .started_at = now_,
                     .rays = in_hand.rays,
                     .adopted = true};

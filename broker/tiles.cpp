@@ -59,12 +59,9 @@ TilesBegun Dispatcher::begun(const Job& job) const {
 /// An answer has come: its credit is free again. Nothing when nobody waits for it.
 std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, WorkerSession& worker,
                                                        const GrantKey& key) {
-    const auto is_it = [&](const TileInFlight& tile) {
-        return GrantKey{tile.job, tile.tile, tile.attempt} == key;
-    };
     const auto found = worker.grants.find(key);
     if (found == worker.grants.end()) {
-        if (std::erase_if(worker.in_hand, is_it) > 0)
+        if (worker.in_hand.erase(key) > 0)
             count_those_of_others(peer, worker);
         return std::nullopt;
     }
