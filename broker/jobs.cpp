@@ -180,9 +180,11 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
         known = newest_like(submission);
     if (known) {
         const SubmitJob& s = known->submission();
+        SubmitJob as_known = submission;
+        as_known.priority = s.priority; // somebody may have set another one
         const bool same = submission.resume
                               ? s.scene == submission.scene && s.settings == submission.settings
-                              : s == submission;
+                              : s == as_known;
         if (!same || is_order(*known))
             return refuse(peer, RefusalCode::conflict, "another job has this id", submission.job);
         if (submission.resume &&

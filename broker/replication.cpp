@@ -1,6 +1,7 @@
 // Dispatcher: what other brokers have that is not here, and the reverse. All that there is only
 // grows, or is the newest word; so whatever comes twice, late, or in another order does no harm.
 #include "broker/dispatcher.hpp"
+#include "broker/id_hash.hpp"
 #include "broker/submission.hpp"
 #include "common/base/rng.hpp"
 #include "common/base/text.hpp"
@@ -8,7 +9,6 @@
 #include "common/protocol/passes.hpp"
 
 #include <algorithm>
-#include <cstring>
 
 namespace fraja::broker {
 
@@ -16,19 +16,12 @@ using namespace protocol;
 
 namespace {
 
-template <class Id>
-std::uint64_t hash_of(const Id& id) {
-    std::uint64_t parts[2];
-    std::memcpy(parts, id.bytes.data(), sizeof parts);
-    return Rng(parts[0] ^ Rng(parts[1]).next()).next();
-}
-
 /// Followed or not.
 const Revision& newest_word(const Job& job) {
     return job.awaited ? job.awaited->revision : job.revision;
 }
 
-std::uint64_t hash_of(const JobDigest& job) {
+std::uint64_t digest_of(const JobDigest& job) {
     return Rng(hash_of(job.job) ^ Rng(job.revision.counter ^ hash_of(job.revision.broker)).next() ^
                job.cells)
         .next();
@@ -49,7 +42,7 @@ JobDigests Dispatcher::job_digests() const {
 std::uint64_t Dispatcher::digest() const {
     std::uint64_t all = 0;
     for (const JobDigest& job : job_digests().jobs)
-        all ^= hash_of(job);
+        all ^= digest_of(job);
     return all;
 }
 
@@ -236,6 +229,8 @@ void Dispatcher::settle(Job& job) {
     if (!job.awaited || job.is_being_kept)
         return;
     const JobRecord& word = *job.awaited;
+    if (word.revision < job.revision) // something newer has become of it here
+        return job.awaited.reset();
     const bool is_tried_again = is_over(job.phase) && !is_over(word.phase);
     if (job.phase == JobPhase::waiting_for_scene)
         return;
@@ -308,7 +303,8 @@ void Dispatcher::give_number(Job& job, std::uint32_t number) {
 /// one of them another.
 void Dispatcher::settle_numbers() {
     for (auto& [id, job] : jobs_) {
-        if (job.number_wanted == 0 || job.is_being_kept)
+        if (job.number_wanted == 0 || job.is_being_kept || job.awaited ||
+            job.phase == JobPhase::waiting_for_scene)
             continue;
         const auto taken = job_by_number_.find(job.number_wanted);
         if (taken == job_by_number_.end()) {

@@ -1,7 +1,9 @@
 // Dispatcher: the broker begins to lead, or leads no more. Workers go on with the tiles that they
 // have, whoever gave them.
 #include "broker/dispatcher.hpp"
+#include "broker/id_hash.hpp"
 
+#include "common/base/rng.hpp"
 #include "common/base/text.hpp"
 #include "common/protocol/pixels.hpp"
 
@@ -10,6 +12,12 @@
 namespace fraja::broker {
 
 using namespace protocol;
+
+namespace {
+
+constexpr std::uint32_t attempts_per_term = 1u << 20; // as far back as workers remember
+
+} // namespace
 
 Duration Dispatcher::gathering_time() const {
     return from_seconds(limits_.gathering_beats * seconds(limits_.heartbeat));
@@ -39,6 +47,9 @@ void Dispatcher::begin_to_lead() {
     if (is_alone())
         return;
     gathers_until_ = now_ + gathering_time();
+    // So far from what others have counted that no two tiles at a worker bear one name.
+    attempts_ += attempts_per_term *
+                 static_cast<std::uint32_t>(1 + Rng(term().counter ^ hash_of(identity_.broker)).below(2048));
     log({.level = LogLevel::info,
          .kind = "leads",
          .subject = {},
@@ -53,7 +64,8 @@ void Dispatcher::end_gathering() {
     gathers_until_.reset();
     std::vector<JobId> done;
     for (auto& [id, job] : jobs_) {
-        if (job.awaited) { // whoever said so is gone, and its tiles with it
+        // Whoever said so is gone, and its tiles with it. They can be drawn again with the scene.
+        if (job.awaited && job.holds_scene) {
             job.revision.counter = std::max(job.revision.counter, job.awaited->revision.counter);
             job.awaited.reset();
         }
@@ -136,7 +148,6 @@ void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
         const TileInFlight& in_hand = held.tile;
         if (worker.grants.contains(key))
             continue;
-        attempts_ = std::max(attempts_, static_cast<std::uint32_t>(in_hand.attempt));
         Grant grant{.granted_at = now_,
                     .progress_at = held.progress_at,
                     .started_at = now_,

@@ -1,6 +1,7 @@
 // Dispatcher: tiles that a second worker draws as well, and what becomes of a worker whose pixels
 // are wrong.
 #include "broker/dispatcher.hpp"
+#include "broker/id_hash.hpp"
 
 #include "common/base/rng.hpp"
 #include "common/base/text.hpp"
@@ -8,7 +9,6 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <utility>
 
 namespace fraja::broker {
@@ -24,12 +24,6 @@ ContentHash pixels_hash(const std::vector<Blob>& pixels) {
     for (const Blob& blob : pixels)
         hasher.add(blob);
     return hasher.finish();
-}
-
-std::uint64_t number_of(const JobId& id) {
-    std::uint64_t parts[2];
-    std::memcpy(parts, id.bytes.data(), sizeof parts);
-    return parts[0] ^ parts[1];
 }
 
 std::string names_of(const Checks::Check& check) {
@@ -50,7 +44,7 @@ bool Dispatcher::is_to_be_checked(const Job& job, const Tile& tile) const {
     const double share = job.submission().wishes.verify;
     if (!(share > 0) || is_order(job))
         return false;
-    Rng rng(identity_.check_key ^ number_of(job.id()));
+    Rng rng(identity_.check_key ^ hash_of(job.id()));
     rng = Rng(rng.next() ^ static_cast<std::uint64_t>(job.index(tile)));
     rng = Rng(rng.next() ^ (std::uint64_t{tile.cells.width} << 32 | tile.cells.height));
     return rng.unit() < share;
