@@ -203,6 +203,13 @@ std::uint32_t Checks::give_up(const HasOthers& has_others) {
     return count;
 }
 
+std::vector<Tile> Checks::tiles() const {
+    std::vector<Tile> tiles;
+    for (const auto& [id, check] : open_)
+        tiles.push_back(check.tile);
+    return tiles;
+}
+
 std::vector<Checks::Unwanted> Checks::take_all_back() {
     std::vector<Unwanted> unwanted;
     for (auto& [id, check] : open_)

@@ -62,6 +62,8 @@ public:
     [[nodiscard]] bool has_pending() const { return !pending_.empty() || !contested_.empty(); }
     [[nodiscard]] const protocol::CheckCounts& counts() const { return counts_; }
     void set_counts(const protocol::CheckCounts& counts) { counts_ = counts; }
+    /// Of those that are open.
+    [[nodiscard]] std::vector<Tile> tiles() const;
     /// Some workers disagree, and nobody else has told yet who of them is right.
     [[nodiscard]] const Check* contested() const;
 

@@ -26,6 +26,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
     look_who_leads();
     std::visit([this](const auto& e) { on(e); }, event);
     look_who_leads();
+    heed_new_term();
     if (now_ >= next_company_ && !is_alone()) {
         next_company_ = now_ + limits_.heartbeat / limits_.peer_beats;
         keep_company();

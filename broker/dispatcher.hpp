@@ -208,7 +208,7 @@ private:
     void note_copy(const BrokerId& broker, const JobId& job);
     [[nodiscard]] bool needs_copy(const Job& job) const;
     void acknowledge_if_safe(Job& job);
-    void take_tile(const protocol::TileDone& tile);
+    void take_tile(const BrokerId& broker, const protocol::TileDone& tile);
     void repair_done(const BrokerId& broker, const protocol::RepairDone& done);
     void fetch_scene(const ContentHash& scene, const BrokerId& from);
     void fetch_scenes_anew();
@@ -436,7 +436,12 @@ private:
     void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
     void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);
     void void_tiles(Job& job, const protocol::Distrusted& who);
-    bool take_distrusted(Job& job, const std::vector<protocol::Distrusted>& theirs);
+    void keep_voided(const Job& job, const protocol::Distrusted& who,
+                     const std::vector<Tile>& tiles);
+    bool take_distrusted(const JobId& id, const std::vector<protocol::Distrusted>& theirs);
+    void heed_new_term();
+    [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from) const;
+    [[nodiscard]] bool is_checked_as_told(const Job& job) const;
     void recall_distrust(WorkerSession& worker) const;
 
     // keeping.cpp: what is kept
@@ -504,6 +509,7 @@ private:
     std::set<std::string> own_endpoints_; ///< that turned out to lead here
     std::map<BrokerId, Colleague> colleagues_;
     std::map<PeerId, BrokerId> brokers_by_peer_;
+    protocol::Term heeded_term_;
     std::vector<protocol::Member> told_members_; ///< the last that were told
     Instant next_company_{};
     std::optional<Instant> gathers_until_; ///< while workers say what they have in hand

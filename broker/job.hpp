@@ -195,7 +195,7 @@ public:
         std::shared_ptr<const protocol::TileDone> pixels;
         Instant came_at{};
         WorkerId worker{};
-        bool is_void = false; ///< that worker is distrusted
+        bool is_void = false; ///< it does not count any more
     };
     [[nodiscard]] const std::vector<Result>& results() const { return results_; }
     void release_pixels(std::size_t result) { results_.at(result).pixels.reset(); }
@@ -260,6 +260,9 @@ public:
     /// What that worker has drawn does not count any more, nor will it: it is pending again, unless
     /// the job is over. Not one that is distrusted already.
     [[nodiscard]] Voided distrust(const protocol::Distrusted& worker);
+    /// Nor do tiles whose check is open. What is in flight is dropped; all that is not done is
+    /// pending.
+    [[nodiscard]] Voided void_unchecked();
 
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
@@ -285,6 +288,7 @@ public:
     protocol::Revision revision{};
     bool is_stored = false;              ///< while it is being kept: here it is
     bool is_adopted = false;             ///< it came from another broker
+    bool leader_agrees = false;          ///< that what is awaited has become of it
     std::set<BrokerId> copies;           ///< who has said to have kept it
     std::set<BrokerId> waiting_for_copy; ///< who is to be told when it is kept here
     Instant copied_by{}; ///< while it is being kept: then it is acknowledged without copies
@@ -349,6 +353,7 @@ private:
     void rank_anew();
     std::uint64_t mark_done(const Tile& tile, double work);
     void undo(const std::vector<Tile>& tiles);
+    void void_result(Result& result);
     void open_again(const Tile& tile);
     void count_check(const PeerId& peer);
     void uncount_check(const PeerId& peer);

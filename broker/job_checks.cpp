@@ -3,6 +3,8 @@
 #include "common/base/assert.hpp"
 
 #include <algorithm>
+#include <set>
+#include <tuple>
 #include <utility>
 
 namespace fraja::broker {
@@ -77,9 +79,7 @@ Job::Voided Job::distrust(const protocol::Distrusted& worker) {
     }
     for (Result& result : results_)
         if (result.worker == worker.worker) {
-            result.is_void = true;
-            result.pixels.reset();
-            results_pixels_ -= rect(result.tile).pixel_count();
+            void_result(result);
             voided.tiles.push_back(result.tile);
         }
     undo(voided.tiles);
@@ -87,6 +87,33 @@ Job::Voided Job::distrust(const protocol::Distrusted& worker) {
         for (const Tile& tile : voided.tiles)
             open_again(tile);
     return voided;
+}
+
+Job::Voided Job::void_unchecked() {
+    const auto key = [](const Tile& tile) {
+        const CellRect& c = tile.cells;
+        return std::tuple(tile.pass, c.row, c.column, c.width, c.height);
+    };
+    std::set<decltype(key(Tile{}))> unchecked;
+    for (const Tile& tile : checks_.tiles())
+        unchecked.insert(key(tile));
+    Voided voided;
+    for (Result& result : results_)
+        if (!result.is_void && unchecked.contains(key(result.tile))) {
+            void_result(result);
+            voided.tiles.push_back(result.tile);
+        }
+    undo(voided.tiles);
+    voided.unwanted = drop_unfinished();
+    checks_.clear();
+    revive();
+    return voided;
+}
+
+void Job::void_result(Result& result) {
+    result.is_void = true;
+    result.pixels.reset();
+    results_pixels_ -= rect(result.tile).pixel_count();
 }
 
 /// But for cells that somebody else has drawn as well.

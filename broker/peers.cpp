@@ -169,7 +169,7 @@ void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const M
         if (!route.is_dialled)
             repair(route.name, *wish, now_ - limits_.copy_lag);
     } else if (const auto* tile = std::get_if<TileDone>(&message)) {
-        take_tile(*tile);
+        take_tile(broker, *tile);
     } else if (const auto* done = std::get_if<RepairDone>(&message)) {
         repair_done(broker, *done);
     } else if (const auto* control = std::get_if<ControlWorker>(&message)) {

@@ -90,14 +90,19 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
             tell(broker, JobForgotten{their.job});
             continue;
         }
-        const Job* job = job_of(their.job);
+        Job* job = job_of(their.job);
+        if (job && job->awaited && broker == term().leader &&
+            their.revision == job->awaited->revision && !job->leader_agrees) {
+            job->leader_agrees = true;
+            settle(*job);
+        }
         if (!job || newest_word(*job) < their.revision) {
             lacks = true;
             if (asked++ < limits_.copies_asked_max)
                 tell(broker, WantJob{their.job});
         } else if (job->phase == JobPhase::waiting_for_scene) {
             lacks = true;
-        } else if (job->done_hash() != their.cells) {
+        } else if (job->done_hash() != their.cells && may_take_tiles(*job, broker)) {
             lacks = lacks || !colleague.repaired.contains(their.job);
             if (asked++ < limits_.copies_asked_max)
                 ask_for_cells(broker, *job);
@@ -123,9 +128,10 @@ void Dispatcher::repair_done(const BrokerId& broker, const RepairDone& done) {
 }
 
 /// A finished tile, as another broker has it.
-void Dispatcher::take_tile(const TileDone& done) {
+void Dispatcher::take_tile(const BrokerId& broker, const TileDone& done) {
     Job* job = job_of(done.job);
-    if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene)
+    if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene ||
+        !may_take_tiles(*job, broker))
         return;
     const auto tile = job->tile_of(done);
     if (!tile || job->distrusts(done.worker) || job->all_cells_done(*tile))
@@ -157,13 +163,17 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         job->waiting_for_copy.insert(broker);
     else
         tell(broker, JobKept{id});
-    const bool is_news = take_distrusted(*job, record.distrusted);
+    const bool is_news = take_distrusted(id, record.distrusted);
+    job = job_of(id);
+    if (!job)
+        return;
     if (!(newest_word(*job) < record.revision)) {
         if (is_news) // others may have what was known here before
             note_change(*job);
         return;
     }
     job->awaited = record;
+    job->leader_agrees = broker == term().leader;
     settle(*job);
 }
 
@@ -203,6 +213,7 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record, cons
     Job& job = jobs_.emplace(s.job, std::move(fresh)).first->second;
     job.join(party_of(job));
     job.is_adopted = true;
+    job.leader_agrees = broker == term().leader;
     for (const Distrusted& who : record.distrusted)
         if (!job.distrusts(who.worker))
             (void)job.distrust(who);
@@ -235,7 +246,7 @@ void Dispatcher::settle(Job& job) {
     if (job.phase == JobPhase::waiting_for_scene)
         return;
     if (word.phase == JobPhase::done && job.phase != JobPhase::done &&
-        (job.done_count() < word.done_count || !job.first_pass_done()))
+        (job.done_count() < word.done_count || !job.first_pass_done() || !is_checked_as_told(job)))
         return; // its last tiles are still to come
     if (is_tried_again && !job.holds_scene) {
         const SubmitJob& s = job.submission();

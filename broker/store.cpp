@@ -246,11 +246,13 @@ Result<void> Store::put(const PutPhase& put) {
 /// One that comes twice may have been followed by a tile that somebody else has drawn.
 Result<void> Store::put(const PutDistrusted& put) {
     const auto job = key_of(put.job);
-    const auto named = put_distrusted_.run(job, key_of(put.worker.worker),
-                                           std::string_view(put.worker.worker_name),
-                                           std::string_view(put.worker.reason));
-    if (!named || database_.change_count() == 0)
-        return named;
+    if (put.worker.worker != WorkerId{}) {
+        const auto named = put_distrusted_.run(job, key_of(put.worker.worker),
+                                               std::string_view(put.worker.worker_name),
+                                               std::string_view(put.worker.reason));
+        if (!named || database_.change_count() == 0)
+            return named;
+    }
     for (const PutDistrusted::Tile& tile : put.tiles)
         for (Statement* drop : {&drop_pixels_of_tile_, &drop_tile_})
             if (const auto done =

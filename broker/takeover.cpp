@@ -182,7 +182,8 @@ void Dispatcher::wait_no_longer_for_silent_workers() {
 void Dispatcher::take_witnessed(const WorkerHello& worker, const TileRendered& answer) {
     Job* job = job_of(answer.job);
     if (!job || answer.rect.empty() || is_over(job->phase) ||
-        job->phase == JobPhase::waiting_for_scene)
+        job->phase == JobPhase::waiting_for_scene ||
+        (job->submission().wishes.verify > 0 && !deals_out())) // it comes from the one that leads
         return;
     const auto tile = job->tile_of(answer);
     if (!tile)

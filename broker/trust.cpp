@@ -213,32 +213,71 @@ void Dispatcher::void_tiles(Job& job, const Distrusted& who) {
              .subject = to_string(job.id()),
              .text = described(job) + ": " + counted(voided.tiles.size(), "tile") + " of worker " +
                      who.worker_name + " do not count"});
-    if (job.is_kept) {
-        PutDistrusted put{job.id(), named, {}, job.revision};
-        for (const Tile& tile : voided.tiles) {
-            const PixelRect r = job.rect(tile);
-            put.tiles.push_back({job.index(tile), {r.width, r.height}});
-        }
-        persist(std::move(put), {.job = job.id()});
-    }
+    keep_voided(job, named, voided.tiles);
     look_ready(job);
     tell_changes(); // before anybody else hears of it
     publish_state(job);
 }
 
-/// Another broker has found them out. Whether some of them were not known here.
-bool Dispatcher::take_distrusted(Job& job, const std::vector<Distrusted>& theirs) {
-    const std::size_t before = job.distrusted().size();
-    const bool followed = std::exchange(follows_, true);
-    for (const Distrusted& who : theirs)
-        if (!job.distrusts(who.worker) && job.distrusted().size() < distrusted_max) {
-            void_tiles(job, who);
-            if (const auto peer = peer_of_worker_.find(who.worker); peer != peer_of_worker_.end())
-                give_no_more(PeerId(peer->second), workers_.at(peer->second),
-                             job.distrusted().back().reason);
+void Dispatcher::keep_voided(const Job& job, const Distrusted& who,
+                             const std::vector<Tile>& tiles) {
+    if (!job.is_kept)
+        return;
+    PutDistrusted put{job.id(), who, {}, job.revision};
+    for (const Tile& tile : tiles) {
+        const PixelRect r = job.rect(tile);
+        put.tiles.push_back({job.index(tile), {r.width, r.height}});
+    }
+    persist(std::move(put), {.job = job.id()});
+}
+
+/// Another broker has found them out. What they have drawn for other jobs may have come here alone.
+/// Whether some of them were not known here.
+bool Dispatcher::take_distrusted(const JobId& id, const std::vector<Distrusted>& theirs) {
+    bool is_news = false;
+    for (const Distrusted& who : theirs) {
+        Job* job = job_of(id);
+        if (!job || is_over(job->phase) || job->distrusts(who.worker) ||
+            job->distrusted().size() >= distrusted_max)
+            continue;
+        is_news = true;
+        {
+            const Following following(follows_);
+            void_tiles(*job, who);
         }
-    follows_ = followed;
-    return job.distrusted().size() > before;
+        distrust({who}, id);
+    }
+    return is_news;
+}
+
+/// A job that is to be checked has of other brokers only what the one that leads has. What that one
+/// has not come to check is in doubt when another begins to lead.
+void Dispatcher::heed_new_term() {
+    if (term() == heeded_term_)
+        return;
+    heeded_term_ = term();
+    for (auto& [id, job] : jobs_) {
+        if (!(job.submission().wishes.verify > 0) || is_over(job.phase))
+            continue;
+        job.leader_agrees = false;
+        if (membership_.leads() || job.checks().empty())
+            continue;
+        const Job::Voided voided = job.void_unchecked();
+        cancel_unwanted(job, voided.unwanted);
+        keep_voided(job, {}, voided.tiles);
+        look_ready(job);
+    }
+}
+
+bool Dispatcher::may_take_tiles(const Job& job, const BrokerId& from) const {
+    return !(job.submission().wishes.verify > 0) || membership_.leads() || from == term().leader;
+}
+
+/// Whether the end that another broker tells of is one that the tiles here have come to as well.
+bool Dispatcher::is_checked_as_told(const Job& job) const {
+    if (!(job.submission().wishes.verify > 0))
+        return true;
+    return membership_.leads() ? job.checks().empty() || !job.holds_scene : job.leader_agrees;
 }
 
 /// What is known of one that says hello: a broker that was started anew has it from its jobs.

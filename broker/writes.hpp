@@ -43,7 +43,8 @@ struct PutPhase {
     protocol::Revision revision{};
     protocol::CheckCounts checks{};
 };
-/// These tiles of the job go, which that worker has drawn. It is named from now on.
+/// These tiles of the job go. That worker has drawn them, and is named from now on; its id is zero
+/// where they go without that.
 struct PutDistrusted {
     JobId job;
     protocol::Distrusted worker;

@@ -65,7 +65,8 @@ void Kept::put(const broker::PutDistrusted& put, Duration) {
     auto& distrusted = job->second.job.distrusted;
     if (std::ranges::find(distrusted, put.worker) != distrusted.end())
         return;
-    distrusted.push_back(put.worker);
+    if (put.worker.worker != WorkerId{})
+        distrusted.push_back(put.worker);
     for (const auto& tile : put.tiles)
         job->second.tiles.erase(TileKey{tile.tile, tile.size.width, tile.size.height});
 }

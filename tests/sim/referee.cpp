@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 #include <variant>
 
 namespace fraja::sim {
@@ -43,11 +44,26 @@ void Referee::strike(const JobId& job, const WorkerId& worker) {
     Watched& w = watched(job);
     if (!w.struck.insert(worker).second)
         return;
-    std::erase_if(w.tiles, [&](const Taken& tile) { return tile.worker == worker; });
+    drop(w, job, [&](const Taken& tile) { return tile.worker == worker; });
+}
+
+void Referee::drop(Watched& w, const JobId& job, const std::function<bool(const Taken&)>& which) {
+    std::erase_if(w.tiles, which);
     std::fill(w.done.begin(), w.done.end(), false);
     w.done_count = w.told_count = 0;
     for (const Taken& tile : w.tiles)
         (void)mark(w, job, tile);
+}
+
+/// What was not checked before another broker came to lead.
+void Referee::drop(const JobId& job, const broker::PutDistrusted::Tile& which) {
+    Watched& w = watched(job);
+    drop(w, job, [&](const Taken& tile) {
+        const auto cells = w.grid.cells(tile.rect);
+        return cells && Extent{tile.rect.width, tile.rect.height} == which.size &&
+               tile.pass * w.grid.count() + w.grid.index(*cells) ==
+                   static_cast<std::uint32_t>(which.tile);
+    });
 }
 
 std::uint64_t Referee::mark(Watched& w, const JobId& job, const Taken& tile) {
@@ -87,8 +103,12 @@ void Referee::look_at(const broker::Action& action) {
             violation(tile->job, "has a tile accepted that brings nothing");
         look_at(publish->message);
     } else if (const auto* persist = std::get_if<broker::Persist>(&action)) {
-        if (const auto* distrusted = std::get_if<broker::PutDistrusted>(&persist->write))
-            strike(distrusted->job, distrusted->worker.worker);
+        const auto* voided = std::get_if<broker::PutDistrusted>(&persist->write);
+        if (voided && voided->worker.worker != WorkerId{})
+            strike(voided->job, voided->worker.worker);
+        else if (voided)
+            for (const auto& tile : voided->tiles)
+                drop(voided->job, tile);
         const auto* put = std::get_if<broker::PutTile>(&persist->write);
         if (put && take(put->tile->job, put->tile->pass, put->tile->rect, put->tile->worker) == 0)
             violation(put->tile->job, "has a tile accepted that brings nothing");
@@ -114,6 +134,8 @@ void Referee::look_at(const protocol::JobState& state) {
     Watched& w = watched(state.job);
     for (const protocol::Distrusted& who : state.distrusted)
         strike(state.job, who.worker);
+    if (std::exchange(w.epoch, state.epoch) != state.epoch && state.verify > 0 && !keeps_)
+        drop(w, state.job, [](const Taken&) { return true; }); // which of them is told to nobody
     if (state.done_count < w.told_count)
         violation(state.job, "has fewer cells than before");
     w.told_count = state.done_count;

@@ -6,6 +6,7 @@
 #include "tests/sim/farm.hpp"
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <set>
 #include <vector>
@@ -32,6 +33,7 @@ private:
         std::vector<bool> done{};     ///< cells of all passes, as far as is known
         std::uint64_t done_count = 0; ///< of these
         std::uint32_t told_count = 0; ///< in this epoch
+        std::uint64_t epoch = 0;      ///< the last that was told
         std::vector<Taken> tiles{};
         std::set<WorkerId> struck{}; ///< workers whose tiles do not count
     };
@@ -41,6 +43,8 @@ private:
                        const WorkerId& worker);
     std::uint64_t mark(Watched& w, const JobId& job, const Taken& tile);
     void strike(const JobId& job, const WorkerId& worker);
+    void drop(Watched& w, const JobId& job, const std::function<bool(const Taken&)>& which);
+    void drop(const JobId& job, const broker::PutDistrusted::Tile& which);
     [[nodiscard]] bool is_done(const JobId& job, std::uint32_t pass, const PixelRect& rect);
     void look_at(const protocol::Message& message);
     void look_at(const protocol::RenderTile& order);
