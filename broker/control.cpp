@@ -119,6 +119,10 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         objection = resume(*job);
         break;
     case JobDeed::retry:
+        if (job->retried_by) { // the scene is on its way
+            job->retried_by = peer;
+            return;
+        }
         if (job->is_kept && !job->holds_scene && is_over(job->phase))
             return actions_->push_back(LoadScene{job->id(), job->submission().scene, peer});
         if (const auto refused = retry(*job))

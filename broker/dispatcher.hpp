@@ -114,8 +114,8 @@ private:
         std::deque<Instant> failures; ///< within the window
         std::optional<Instant> quarantined_until;
         std::string distrusted; ///< why it gets nothing: its pixels are wrong; empty: they are not
-        std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
-        std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
+        std::map<FilmId, JobId> frames;     ///< of each film the one it was last given something of
+        std::vector<ContentHash> scenes;    ///< that it was given something of, the last one last
         std::map<GrantKey, InHand> in_hand; ///< as it said last, whoever gave them
         std::size_t of_others = 0; ///< of these: no grants of ours, and they fill its credit
         /// What others have given it, since it was greeted or this broker leads.
@@ -199,8 +199,7 @@ private:
     void compare(const BrokerId& broker, const protocol::JobDigests& theirs);
     void ask_for_cells(const BrokerId& broker, const Job& job);
     void take_record(const BrokerId& broker, const protocol::JobRecord& record);
-    void adopt_job(const BrokerId& broker, const protocol::JobRecord& record,
-                   const PeerId& client);
+    void adopt_job(const BrokerId& broker, const protocol::JobRecord& record, const PeerId& client);
     void settle(Job& job);
     void follow(Job& job, const protocol::JobRecord& record);
     void give_number(Job& job, std::uint32_t number);
@@ -436,6 +435,7 @@ private:
     void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
     void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);
     void void_tiles(Job& job, const protocol::Distrusted& who);
+    void retry_for(Job& job, const PeerId& peer);
     void keep_voided(const Job& job, const protocol::Distrusted& who,
                      const std::vector<Tile>& tiles);
     bool take_distrusted(const JobId& id, const std::vector<protocol::Distrusted>& theirs);

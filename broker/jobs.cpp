@@ -294,8 +294,7 @@ void Dispatcher::give_up_scenes_that_do_not_come() {
                now_ - entry.second.scene_came_on_at > limits_.scene_patience;
     };
     // One at a time: the next may have been asked for its scene just now.
-    for (auto stuck = jobs_.end();
-         (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();)
+    for (auto stuck = jobs_.end(); (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();)
         give_up_scene(stuck->second, "its client did not send the scene");
 }
 

@@ -1,11 +1,14 @@
 #include "broker/membership.hpp"
 
+#include "broker/id_hash.hpp"
+
 #include <algorithm>
 
 namespace fraja::broker {
 namespace {
 
 constexpr std::uint64_t counter_max = UINT64_MAX / 2; // no honest one comes to that
+constexpr std::uint64_t terms_apart = 1u << 16;
 constexpr std::uint32_t misjudged_max = 3;
 constexpr int forgiven_after = 10; // times its patience
 
@@ -97,11 +100,19 @@ Membership::Change Membership::update(Instant now) {
         return Change::leads_no_more;
     }
     if (!leads_ && now >= leads_from_ && should_lead(now)) {
-        term_ = {std::max(term_.counter + 1, terms_.counter_min), own_.broker};
+        term_ = next_term();
         leads_ = true;
         return Change::begins_to_lead;
     }
     return Change::none;
+}
+
+/// Two that begin one at once, as they do not hear each other, hardly begin the same: whoever knows
+/// only the counter tells them apart.
+protocol::Term Membership::next_term() const {
+    const std::uint64_t base = std::max(term_.counter, terms_.counter_min);
+    return {(base / terms_apart + 1) * terms_apart + hash_of(own_.broker) % terms_apart,
+            own_.broker};
 }
 
 Instant Membership::next_deadline(Instant now) const {

@@ -85,6 +85,7 @@ private:
     }
     void note_heard(Instant now, Peer& peer);
     [[nodiscard]] bool should_lead(Instant now) const;
+    [[nodiscard]] protocol::Term next_term() const;
 
     Rank own_;
     Terms terms_;

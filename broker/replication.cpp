@@ -9,6 +9,7 @@
 #include "common/protocol/passes.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace fraja::broker {
 
@@ -430,8 +431,12 @@ void Dispatcher::take_scene_chunk(const BrokerId& broker, const Chunk& chunk) {
         fetches_.erase(fetch);
         begin_jobs_of(chunk.blob);
         for (auto& [id, job] : jobs_)
-            if (job.submission().scene == chunk.blob)
+            if (job.submission().scene == chunk.blob) {
                 settle(job);
+                if (const auto peer = std::exchange(job.retried_by, std::nullopt);
+                    peer && is_over(job.phase))
+                    retry_for(job, *peer);
+            }
         return;
     case BlobStore::Arrival::ignored:
         return;

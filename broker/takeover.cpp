@@ -48,8 +48,9 @@ void Dispatcher::begin_to_lead() {
         return;
     gathers_until_ = now_ + gathering_time();
     // So far from what others have counted that no two tiles at a worker bear one name.
-    attempts_ += attempts_per_term *
-                 static_cast<std::uint32_t>(1 + Rng(term().counter ^ hash_of(identity_.broker)).below(2048));
+    attempts_ +=
+        attempts_per_term *
+        static_cast<std::uint32_t>(1 + Rng(term().counter ^ hash_of(identity_.broker)).below(2048));
     log({.level = LogLevel::info,
          .kind = "leads",
          .subject = {},
@@ -115,8 +116,8 @@ void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const W
     for (const TileInFlight& tile : beat.in_flight) {
         const GrantKey key{tile.job, tile.tile, tile.attempt};
         const auto before = worker.in_hand.find(key);
-        const bool stands_still = before != worker.in_hand.end() &&
-                                  tile.rays <= before->second.tile.rays;
+        const bool stands_still =
+            before != worker.in_hand.end() && tile.rays <= before->second.tile.rays;
         now.emplace(key, InHand{tile, stands_still ? before->second.progress_at : now_});
     }
     worker.in_hand = std::move(now);
@@ -136,10 +137,8 @@ void Dispatcher::await_telling(const PeerId& peer, WorkerSession& worker) {
 
 /// It goes on with what it was given before it was greeted anew, or by a leader of before.
 void Dispatcher::count_those_of_others(const PeerId& peer, WorkerSession& worker) {
-    worker.of_others = static_cast<std::size_t>(
-        std::ranges::count_if(worker.in_hand, [&](const auto& entry) {
-            return !worker.grants.contains(entry.first);
-        }));
+    worker.of_others = static_cast<std::size_t>(std::ranges::count_if(
+        worker.in_hand, [&](const auto& entry) { return !worker.grants.contains(entry.first); }));
     update_load(peer, worker);
 }
 

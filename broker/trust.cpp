@@ -256,6 +256,8 @@ void Dispatcher::heed_new_term() {
     if (term() == heeded_term_)
         return;
     heeded_term_ = term();
+    if (identity_.keeps && !is_alone())
+        persist(PutTerm{term().counter}, {});
     for (auto& [id, job] : jobs_) {
         if (!(job.submission().wishes.verify > 0) || is_over(job.phase))
             continue;

@@ -66,13 +66,17 @@ struct PutNumber {
     std::uint32_t number = 0;
     protocol::Revision revision{};
 };
+/// Of brokers that stand for each other: the next start's epoch is later than that.
+struct PutTerm {
+    std::uint64_t counter = 0;
+};
 /// The job goes, with its tiles and all scenes that no job needs now. A tombstone stays.
 struct ForgetJob {
     JobId job;
 };
 
 using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutDistrusted, PutPriority,
-                           PutNumber, ForgetJob>;
+                           PutNumber, PutTerm, ForgetJob>;
 
 /// What a write takes in memory, about.
 [[nodiscard]] std::uint64_t size_bytes(const Write& write);

@@ -91,6 +91,7 @@ void Submission::take(Instant now, const protocol::JobState& state, std::vector<
     if (state.phase == protocol::JobPhase::waiting_for_scene)
         return;
     submitting_ = false;
+    accepted_ = true;
     actions.push_back(News(Accepted{state}));
     if (request_.detach)
         return finish({}, actions);
@@ -121,6 +122,8 @@ void Submission::take(const protocol::Refused& refused, std::vector<Action>& act
     const bool ours = refused.job == request_.job.job || refused.job == JobId{};
     if (!submitting_ || !ours || refused.code == unknown_peer || refused.code == no_such_job)
         return;
+    if (accepted_ && refused.code == limit_exceeded)
+        return; // it was taken once, by a broker that stands for this one: it is asked again
     finish({ExitCode::usage, "the broker does not take the job: " + refused.reason}, actions);
 }
 

@@ -48,6 +48,7 @@ private:
     Session session_;
     std::optional<Follower> follower_;
     bool submitting_ = false; ///< SubmitJob is not acknowledged on this session
+    bool accepted_ = false;   ///< it was, once
     bool finished_ = false;
     Instant submit_due_ = Instant::never();
     Instant times_out_ = Instant::never();

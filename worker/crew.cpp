@@ -147,7 +147,8 @@ void Crew::before(std::size_t i, const protocol::Message& message) {
 void Crew::after(Turn& turn, std::size_t i, const protocol::Message& message) {
     const bool is_first = std::holds_alternative<protocol::Welcome>(message);
     if (const auto* cancelled = std::get_if<protocol::CancelTile>(&message)) {
-        if (is_connected(slots_[i])) // whoever has it
+        // Whoever has it; but what another leader has given since is that one's.
+        if (is_connected(slots_[i]) && slots_[i].session->has_newest_term())
             for (std::size_t j = 0; j < slots_.size(); ++j)
                 if (j != i && slots_[j].session && are_allies(slots_[i], slots_[j]))
                     with_session(turn, j, [&](Session& session) {

@@ -183,6 +183,8 @@ public:
     /// Of the last hello.
     [[nodiscard]] std::uint64_t incarnation() const { return incarnation_; }
     /// So far are the running tiles.
+    /// No ally's broker has told of a later one.
+    [[nodiscard]] bool has_newest_term() const { return !(term_ < greatest_term()); }
     void note_progress(const std::vector<TileProgress>& progress);
     /// To be called when an ally's state or tiles may have changed.
     void look_again(Instant now, std::vector<Action>& actions);

@@ -48,7 +48,7 @@ void BrokerNode::start() {
             peers.push_back(other->endpoint);
     dispatcher_ = std::make_unique<broker::Dispatcher>(
         broker::Dispatcher::Identity{.broker = farm_.make_id<BrokerId>(),
-                                     .epoch = ++epoch_,
+                                     .epoch = next_epoch(),
                                      .stream = "tcp://sim:50058",
                                      .keeps = keeps,
                                      .started_at = farm_.now(),
@@ -70,6 +70,12 @@ void BrokerNode::start() {
     }
     step(broker::Tick{});
     stream_.resubscribe();
+}
+
+/// As the store and the shell have it: microseconds, where the clock has not been set back.
+std::uint64_t BrokerNode::next_epoch() {
+    const auto now_us = static_cast<std::uint64_t>(disk_.wall_now().count() / 1'000);
+    return farm_.scenario.store.there ? disk_.next_epoch(now_us) : now_us;
 }
 
 void BrokerNode::crash() {

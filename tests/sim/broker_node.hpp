@@ -34,6 +34,7 @@ public:
     [[nodiscard]] bool deals_out() const { return dispatcher_ && dispatcher_->deals_out(); }
 
 private:
+    [[nodiscard]] std::uint64_t next_epoch();
     void step(broker::Event&& event);
     void perform(broker::Send&& send);
     void perform(broker::Dial&& dial);
@@ -66,7 +67,6 @@ private:
     Referee referee_;
     std::unique_ptr<broker::Dispatcher> dispatcher_;
     std::deque<broker::Event> events_; ///< that what was done has led to
-    std::uint64_t epoch_ = 0;
 };
 
 } // namespace fraja::sim

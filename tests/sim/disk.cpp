@@ -16,6 +16,7 @@ bool wants_sync(const broker::Write& write) {
     return std::holds_alternative<broker::PutJob>(write) ||
            std::holds_alternative<broker::PutPhase>(write) ||
            std::holds_alternative<broker::PutDistrusted>(write) ||
+           std::holds_alternative<broker::PutTerm>(write) ||
            std::holds_alternative<broker::ForgetJob>(write);
 }
 

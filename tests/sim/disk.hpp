@@ -30,6 +30,10 @@ public:
 
     [[nodiscard]] const Kept& kept() const { return written_; }
     [[nodiscard]] Duration wall_now() const;
+    std::uint64_t next_epoch(std::uint64_t at_least) {
+        (void)synced_.next_epoch(at_least);
+        return written_.next_epoch(at_least);
+    }
 
 private:
     void begin_commit();

@@ -78,6 +78,10 @@ void Kept::put(const broker::PutPriority& put, Duration) {
     }
 }
 
+void Kept::put(const broker::PutTerm& put, Duration) {
+    epoch_ = std::max(epoch_, put.counter);
+}
+
 void Kept::put(const broker::PutNumber& put, Duration) {
     if (const auto job = jobs_.find(put.job); job != jobs_.end()) {
         job->second.job.number = put.number;

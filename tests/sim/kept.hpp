@@ -33,6 +33,11 @@ public:
     [[nodiscard]] std::vector<std::shared_ptr<const protocol::TileDone>>
     tiles(JobId job, TileIndex tile) const;
 
+    /// Of a start.
+    std::uint64_t next_epoch(std::uint64_t at_least) {
+        return epoch_ = std::max(epoch_ + 1, at_least);
+    }
+
 private:
     using TileKey = std::tuple<TileIndex, std::uint32_t, std::uint32_t>; // with its extent
     struct KeptJob {
@@ -48,6 +53,7 @@ private:
     void put(const broker::PutDistrusted& distrusted, Duration now);
     void put(const broker::PutPriority& priority, Duration now);
     void put(const broker::PutNumber& number, Duration now);
+    void put(const broker::PutTerm& term, Duration now);
     void put(const broker::ForgetJob& forget, Duration now);
 
     std::size_t tombstones_max_;
@@ -55,6 +61,7 @@ private:
     std::map<ContentHash, Bytes> scenes_;
     std::deque<std::pair<JobId, Duration>> tombstones_;
     std::uint32_t last_number_ = 0;
+    std::uint64_t epoch_ = 0;
 };
 
 } // namespace fraja::sim

@@ -192,6 +192,9 @@ std::string told(const PutPriority& write) {
     return "PutPriority" + field("job", job) + field("priority", priority) +
            field("revision", revision.counter);
 }
+std::string told(const PutTerm& write) {
+    return "PutTerm" + field("counter", write.counter);
+}
 std::string told(const PutNumber& write) {
     const auto& [job, job_number, revision] = write;
     return "PutNumber" + field("job", job) + field("number", job_number) +
