@@ -78,7 +78,7 @@ Job::Voided Job::distrust(const protocol::Distrusted& worker) {
         voided.unwanted.push_back({check.tile, check.assignment});
     }
     for (Result& result : results_)
-        if (result.worker == worker.worker) {
+        if (result.worker == worker.worker && !result.is_void) {
             void_result(result);
             voided.tiles.push_back(result.tile);
         }
