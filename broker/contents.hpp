@@ -57,6 +57,7 @@ struct Contents {
     std::vector<StoredBlob> blobs;     ///< by hash
     std::vector<Tombstone> tombstones; ///< the oldest first
     std::uint32_t last_number = 0;     ///< of all jobs there ever were; 0: none
+    std::uint64_t last_term = 0;       ///< of several brokers, that was heard of; 0: none
 };
 
 } // namespace fraja::broker

@@ -4,6 +4,7 @@
 #include "common/base/text.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace fraja::broker {
 
@@ -70,7 +71,19 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     look_ready(job);
     log_deed(job, JobDeed::retry);
+    end_if_done(job); // its last tiles have come here from another broker meanwhile
     return std::nullopt;
+}
+
+/// A copy of a job that is over has no scene. A broker that has it tells of the job that is tried
+/// again, and gives the scene.
+bool Dispatcher::ask_others_to_retry(Job& job, const PeerId& peer) {
+    if (peer.empty() || membership_.here(now_).empty()) // empty: it is another broker that asks
+        return false;
+    job.retried_by = peer;
+    job.retry_until = now_ + limits_.copy_patience;
+    tell_all(ControlJob{job.id(), JobDeed::retry, 0});
+    return true;
 }
 
 void Dispatcher::log_deed(const Job& job, JobDeed deed) {
@@ -119,12 +132,17 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         objection = resume(*job);
         break;
     case JobDeed::retry:
-        if (job->retried_by) { // the scene is on its way
+        if (job->retried_by && now_ < job->retry_until) {
             job->retried_by = peer;
             return;
         }
-        if (job->is_kept && !job->holds_scene && is_over(job->phase))
-            return actions_->push_back(LoadScene{job->id(), job->submission().scene, peer});
+        if (!std::exchange(job->retried_by, std::nullopt) && !job->holds_scene &&
+            is_over(job->phase)) {
+            if (job->is_kept)
+                return actions_->push_back(LoadScene{job->id(), job->submission().scene, peer});
+            if (ask_others_to_retry(*job, peer))
+                return;
+        }
         if (const auto refused = retry(*job))
             return send(peer, *refused);
         break;

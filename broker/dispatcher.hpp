@@ -302,6 +302,7 @@ private:
     // control.cpp: what people want of jobs and workers, and what we want of workers that fail
     void control_job(const PeerId& peer, const protocol::ControlJob& control);
     void set_priority(Job& job, std::int32_t priority);
+    [[nodiscard]] bool ask_others_to_retry(Job& job, const PeerId& peer);
     void log_deed(const Job& job, protocol::JobDeed deed);
     [[nodiscard]] std::optional<std::string> pause(Job& job);
     [[nodiscard]] std::optional<std::string> resume(Job& job);
@@ -435,7 +436,6 @@ private:
     void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
     void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);
     void void_tiles(Job& job, const protocol::Distrusted& who);
-    void retry_for(Job& job, const PeerId& peer);
     void keep_voided(const Job& job, const protocol::Distrusted& who,
                      const std::vector<Tile>& tiles);
     bool take_distrusted(const JobId& id, const std::vector<protocol::Distrusted>& theirs);

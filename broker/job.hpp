@@ -288,7 +288,8 @@ public:
     protocol::Revision revision{};
     bool is_stored = false;              ///< while it is being kept: here it is
     bool is_adopted = false;             ///< it came from another broker
-    std::optional<PeerId> retried_by{};  ///< who waits for the scene to come for that
+    std::optional<PeerId> retried_by{};  ///< who waits for another broker to do that
+    Instant retry_until{};               ///< then
     bool leader_agrees = false;          ///< that what is awaited has become of it
     std::set<BrokerId> copies;           ///< who has said to have kept it
     std::set<BrokerId> waiting_for_copy; ///< who is to be told when it is kept here

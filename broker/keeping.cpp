@@ -153,6 +153,7 @@ void Dispatcher::on(const Restored& event) {
     for (const StoredJob& stored : event.contents.jobs)
         restore(stored, event);
     last_number_ = std::max(last_number_, event.contents.last_number);
+    membership_.learn({event.contents.last_term, {}});
     if (!jobs_.empty())
         log({.level = LogLevel::info,
              .kind = "restored",
@@ -220,22 +221,12 @@ void Dispatcher::on(const SceneLoaded& event) {
         job->holds_scene = true;
         bring_scene(scene, Blob(*event.scene));
     }
-    // A copy has none: another broker may have it.
-    const auto here = membership_.here(now_);
-    if (!job->holds_scene && !here.empty() && blobs_.acquire(scene, job->submission().scene_bytes))
-        job->holds_scene = true;
-    if (job->holds_scene && !here.empty() && !blobs_.complete(scene)) {
-        job->retried_by = event.peer;
-        return fetch_scene(scene, here.front());
-    }
-    retry_for(*job, event.peer);
-}
-
-void Dispatcher::retry_for(Job& job, const PeerId& peer) {
-    if (const auto refused = retry(job))
-        return send(peer, *refused);
-    publish_state(job);
-    send(peer, state_of(job));
+    if (!job->holds_scene && ask_others_to_retry(*job, event.peer))
+        return;
+    if (const auto refused = retry(*job))
+        return send(event.peer, *refused);
+    publish_state(*job);
+    send(event.peer, state_of(*job));
 }
 
 // ----------------------------------------------------------------------------------- forgetting

@@ -110,6 +110,8 @@ Membership::Change Membership::update(Instant now) {
 /// Two that begin one at once, as they do not hear each other, hardly begin the same: whoever knows
 /// only the counter tells them apart.
 protocol::Term Membership::next_term() const {
+    if (peers_.empty() && term_.counter < terms_.counter_min)
+        return {terms_.counter_min, own_.broker};
     const std::uint64_t base = std::max(term_.counter, terms_.counter_min);
     return {(base / terms_apart + 1) * terms_apart + hash_of(own_.broker) % terms_apart,
             own_.broker};

@@ -172,6 +172,9 @@ void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const M
         take_tile(broker, *tile);
     } else if (const auto* done = std::get_if<RepairDone>(&message)) {
         repair_done(broker, *done);
+    } else if (const auto* job = std::get_if<ControlJob>(&message);
+               job && job->deed == JobDeed::retry) {
+        control_job({}, *job);
     } else if (const auto* control = std::get_if<ControlWorker>(&message)) {
         const Following following(follows_);
         control_worker({}, *control);

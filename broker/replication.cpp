@@ -287,6 +287,8 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
         if (const auto refused = retry(job))
             return;
         job.submitted_at = now_ - std::max(record.age, Duration{});
+        if (const auto peer = std::exchange(job.retried_by, std::nullopt))
+            send(*peer, state_of(job));
     }
     if (record.phase == JobPhase::paused)
         (void)pause(job);
@@ -360,7 +362,7 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
     if (!job.is_being_kept || !job.is_stored || needs_copy(job))
         return;
     job.is_being_kept = job.is_stored = false;
-    if (job.is_adopted && job.awaited && job.awaited->phase == JobPhase::done) {
+    if (job.is_adopted && job.awaited && job.awaited->phase == JobPhase::done && !job.holds_scene) {
         job.phase = JobPhase::paused;
         job.reason = "its tiles are still to come from another broker";
         job.acknowledged_at = now_;
@@ -431,12 +433,8 @@ void Dispatcher::take_scene_chunk(const BrokerId& broker, const Chunk& chunk) {
         fetches_.erase(fetch);
         begin_jobs_of(chunk.blob);
         for (auto& [id, job] : jobs_)
-            if (job.submission().scene == chunk.blob) {
+            if (job.submission().scene == chunk.blob)
                 settle(job);
-                if (const auto peer = std::exchange(job.retried_by, std::nullopt);
-                    peer && is_over(job.phase))
-                    retry_for(job, *peer);
-            }
         return;
     case BlobStore::Arrival::ignored:
         return;

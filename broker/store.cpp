@@ -57,7 +57,7 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
           "INSERT INTO jobs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, '', 0, ?8, NULL, ?9, ?10, 0, 0) "
           "ON CONFLICT DO NOTHING"),
       raise_number_(database_, "UPDATE farm SET last_number = max(last_number, ?1)"),
-      raise_epoch_(database_, "UPDATE farm SET epoch = max(epoch, ?1)"),
+      set_term_(database_, "UPDATE farm SET epoch = max(epoch, ?1), term = max(term, ?1)"),
       set_phase_(database_, "UPDATE jobs SET phase = ?2, reason = ?3, elapsed = ?4, "
                             "over_at = CASE WHEN ?5 THEN coalesce(over_at, ?6) END, "
                             "revision = ?7, revised_by = ?8, agreed = ?9, unchecked = ?10 "
@@ -269,7 +269,7 @@ Result<void> Store::put(const PutPriority& put) {
 }
 
 Result<void> Store::put(const PutTerm& put) {
-    return raise_epoch_.run(
+    return set_term_.run(
         static_cast<std::int64_t>(std::min<std::uint64_t>(put.counter, INT64_MAX / 2)));
 }
 

@@ -93,8 +93,7 @@ private:
 
     Statement begin_, commit_;
     Statement find_blob_, put_blob_, put_piece_, drop_pieces_, drop_blobs_;
-    Statement put_job_, raise_number_, raise_epoch_, set_phase_, set_priority_, set_number_,
-        drop_job_;
+    Statement put_job_, raise_number_, set_term_, set_phase_, set_priority_, set_number_, drop_job_;
     Statement tile_is_new_, put_pixels_, put_tile_, drop_pixels_, drop_tiles_;
     Statement put_distrusted_, drop_pixels_of_tile_, drop_tile_, drop_distrusted_;
     Statement put_tombstone_, drop_tombstone_, drop_old_tombstones_;

@@ -71,7 +71,7 @@ StoreReader::StoreReader(Database database, WallClock wall_clock)
                              "ORDER BY job, worker"),
       blobs_(database_, "SELECT hash, size FROM blobs ORDER BY hash"),
       tombstones_(database_, "SELECT job, forgotten_at FROM tombstones ORDER BY id"),
-      last_number_(database_, "SELECT last_number FROM farm"),
+      farm_(database_, "SELECT last_number, term FROM farm"),
       tile_(database_, "SELECT body, pixels_hash, bytes FROM tiles JOIN pixels "
                        "ON pixels.id = tiles.pixels WHERE job = ?1 AND tile = ?2"),
       blob_size_(database_, "SELECT size FROM blobs WHERE hash = ?1"),
@@ -106,7 +106,7 @@ Result<Contents> StoreReader::read_all() {
     Contents contents;
     for (const auto part :
          {&StoreReader::read_jobs, &StoreReader::read_tiles, &StoreReader::read_distrusted,
-          &StoreReader::read_blobs, &StoreReader::read_tombstones, &StoreReader::read_last_number})
+          &StoreReader::read_blobs, &StoreReader::read_tombstones, &StoreReader::read_farm})
         if (const auto done = (this->*part)(contents); !done)
             return done.error();
     return contents;
@@ -202,9 +202,11 @@ Result<void> StoreReader::read_tombstones(Contents& contents) {
     });
 }
 
-Result<void> StoreReader::read_last_number(Contents& contents) {
-    return for_each_row(database_, last_number_.query(), [&](const Rows& rows) -> std::string {
-        return read_number(rows, 0, contents.last_number) ? "" : "the last job's number";
+Result<void> StoreReader::read_farm(Contents& contents) {
+    return for_each_row(database_, farm_.query(), [&](const Rows& rows) -> std::string {
+        if (!read_number(rows, 0, contents.last_number))
+            return "the last job's number";
+        return read_number(rows, 1, contents.last_term) ? "" : "the last term";
     });
 }
 

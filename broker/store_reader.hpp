@@ -45,7 +45,7 @@ private:
     [[nodiscard]] Result<void> read_distrusted(Contents& contents);
     [[nodiscard]] Result<void> read_blobs(Contents& contents);
     [[nodiscard]] Result<void> read_tombstones(Contents& contents);
-    [[nodiscard]] Result<void> read_last_number(Contents& contents);
+    [[nodiscard]] Result<void> read_farm(Contents& contents);
     [[nodiscard]] Result<void> append_tiles(const JobId& job, TileIndex which,
                                             std::vector<protocol::TileDone>& found);
     [[nodiscard]] Result<std::optional<Bytes>> read_blob(const ContentHash& hash);
@@ -54,7 +54,7 @@ private:
     Database database_;
     WallClock wall_clock_;
     Statement begin_, commit_;
-    Statement jobs_, all_tiles_, distrusted_, blobs_, tombstones_, last_number_;
+    Statement jobs_, all_tiles_, distrusted_, blobs_, tombstones_, farm_;
     Statement tile_, blob_size_, pieces_;
 };
 

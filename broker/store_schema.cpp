@@ -18,8 +18,10 @@ namespace fs = std::filesystem;
 // they lie in the order in which they came. Scenes are cut in pieces, since SQLite holds at most
 // 10^9 bytes in one.
 constexpr const char* tables = R"(
-CREATE TABLE farm (last_number INTEGER NOT NULL, epoch INTEGER NOT NULL) STRICT;
-INSERT INTO farm VALUES (0, 0);
+CREATE TABLE farm (
+    last_number INTEGER NOT NULL, epoch INTEGER NOT NULL, term INTEGER NOT NULL DEFAULT 0
+) STRICT;
+INSERT INTO farm VALUES (0, 0, 0);
 CREATE TABLE jobs (
     job BLOB PRIMARY KEY, number INTEGER NOT NULL, passes INTEGER NOT NULL,
     submission BLOB NOT NULL, scene BLOB NOT NULL, priority INTEGER NOT NULL,
@@ -58,9 +60,10 @@ PRAGMA user_version = 2;
 COMMIT;
 )";
 
-// One that compared no tiles.
+// One that compared no tiles, and had its terms from its own clock alone.
 constexpr const char* from_version_2 = R"(
 BEGIN IMMEDIATE;
+ALTER TABLE farm ADD COLUMN term INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN agreed INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN unchecked INTEGER NOT NULL DEFAULT 0;
 CREATE TABLE distrusted (

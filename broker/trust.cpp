@@ -183,7 +183,9 @@ void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
     for (const auto& [id, job] : jobs_) {
         if (job.distrusts(who.worker) || (id != found_in && !job.has_tiles_of(who.worker)))
             continue;
-        if (!is_over(job.phase) && !job.submission().settings.limited_in_time())
+        const bool will_be_done = job.awaited && job.awaited->phase == JobPhase::done &&
+                                  job.leader_agrees; // with these tiles
+        if (!is_over(job.phase) && !will_be_done && !job.submission().settings.limited_in_time())
             concerned.push_back(id);
         else
             log({.level = LogLevel::warning,

@@ -89,6 +89,7 @@ TEST_CASE("a store of an earlier broker is read, and goes on as one of this") {
     execute(directory.file(), "DROP TABLE distrusted;"
                               "ALTER TABLE jobs DROP COLUMN agreed;"
                               "ALTER TABLE jobs DROP COLUMN unchecked;"
+                              "ALTER TABLE farm DROP COLUMN term;"
                               "PRAGMA user_version = 2");
     bool has_revisions = true;
     SUBCASE("version 2, which compared no tiles") {}
@@ -107,7 +108,8 @@ TEST_CASE("a store of an earlier broker is read, and goes on as one of this") {
         CHECK(contents.jobs[0].checks == protocol::CheckCounts{});
         CHECK(contents.jobs[0].distrusted.empty());
         CHECK(contents.jobs[0].submission.job == job);
-        commit(store, {PutPriority{job, 3, {}}});
+        CHECK(contents.last_term == (opened > 0 ? 1'000 : 0));
+        commit(store, {PutPriority{job, 3, {}}, PutTerm{1'000}, PutTerm{900}});
         CHECK(Database::open(directory.file(), DatabaseAccess::reading)
                   ->integer("PRAGMA user_version")
                   .value() == store_version);

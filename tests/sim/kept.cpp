@@ -80,6 +80,7 @@ void Kept::put(const broker::PutPriority& put, Duration) {
 
 void Kept::put(const broker::PutTerm& put, Duration) {
     epoch_ = std::max(epoch_, put.counter);
+    last_term_ = std::max(last_term_, put.counter);
 }
 
 void Kept::put(const broker::PutNumber& put, Duration) {
@@ -128,6 +129,7 @@ broker::Contents Kept::contents(Duration wall_now) const {
     for (const auto& [job, at] : tombstones_)
         contents.tombstones.push_back({job, since(at, wall_now)});
     contents.last_number = last_number_;
+    contents.last_term = last_term_;
     return contents;
 }
 

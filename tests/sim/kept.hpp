@@ -61,7 +61,7 @@ private:
     std::map<ContentHash, Bytes> scenes_;
     std::deque<std::pair<JobId, Duration>> tombstones_;
     std::uint32_t last_number_ = 0;
-    std::uint64_t epoch_ = 0;
+    std::uint64_t epoch_ = 0, last_term_ = 0;
 };
 
 } // namespace fraja::sim
