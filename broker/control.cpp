@@ -71,7 +71,6 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
         deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
     look_ready(job);
     log_deed(job, JobDeed::retry);
-    end_if_done(job); // its last tiles have come here from another broker meanwhile
     return std::nullopt;
 }
 
@@ -145,6 +144,7 @@ void Dispatcher::control_job(const PeerId& peer, const ControlJob& control) {
         }
         if (const auto refused = retry(*job))
             return send(peer, *refused);
+        end_if_done(*job);
         break;
     case JobDeed::set_priority:
         set_priority(*job, control.priority);

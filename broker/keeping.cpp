@@ -225,6 +225,7 @@ void Dispatcher::on(const SceneLoaded& event) {
         return;
     if (const auto refused = retry(*job))
         return send(event.peer, *refused);
+    end_if_done(*job);
     publish_state(*job);
     send(event.peer, state_of(*job));
 }

@@ -65,9 +65,10 @@ JobRecord Dispatcher::record_of(const Job& job) const {
             .distrusted = job.distrusted()};
 }
 
-/// Of what is wanted of the job, or has become of it.
+/// Of what is wanted of the job, or has become of it. Others hear of it once its scene is here.
 void Dispatcher::note_change(Job& job) {
-    if (follows_ || is_order(job))
+    const bool is_told = job.phase != JobPhase::waiting_for_scene || job.is_being_kept;
+    if (follows_ || is_order(job) || !is_told)
         return;
     job.revision = {job.revision.counter + 1, identity_.broker};
     if (!is_alone())
@@ -260,6 +261,7 @@ void Dispatcher::settle(Job& job) {
     const JobRecord record = std::move(*job.awaited);
     job.awaited.reset();
     follow(job, record);
+    end_if_done(job);
     if (job.distrusted().size() > record.distrusted.size()) // what its teller does not know
         note_change(job);
 }

@@ -67,7 +67,7 @@ void Dispatcher::end_gathering() {
     for (auto& [id, job] : jobs_) {
         // Whoever said so is gone, and its tiles with it. They can be drawn again with the scene.
         if (job.awaited && job.holds_scene) {
-            job.revision.counter = std::max(job.revision.counter, job.awaited->revision.counter);
+            job.revision = {job.awaited->revision.counter, {}}; // its teller's word stays newer
             job.awaited.reset();
         }
         if (!job.may_run() && job.phase != JobPhase::paused)

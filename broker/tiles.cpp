@@ -242,8 +242,9 @@ void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const Ti
     }
     // Who leaves has said so, by a credit of 0, before it hands back. Anybody else who cancels what
     // nobody asked it to would be given the same tile again, for ever: that is a failure.
+    // Of several brokers another one may have asked it to.
     const bool at_its_own_wish = answer.code == FailureCode::cancelled && !grant->cancelled &&
-                                 !grant->adopted && worker.credit > 0;
+                                 is_alone() && worker.credit > 0;
     const bool counts = answer.code == FailureCode::machine || at_its_own_wish;
     if (counts)
         count_machine_failure(peer, worker);

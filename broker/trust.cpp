@@ -120,7 +120,8 @@ void Dispatcher::check_rendered(Job& job, WorkerSession& worker, const Grant& gr
     }
 }
 
-/// All of it is there, and what was to be checked is, as far as there is somebody for it: nobody is
+/// All of it is there (also of one that is tried again, as other brokers had more of it), and what
+/// was to be checked is, as far as there is somebody for it: nobody is
 /// waited for, but where workers disagree.
 void Dispatcher::end_if_done(Job& job) {
     if (!deals_out() || !job.all_done() || is_over(job.phase))
