@@ -38,6 +38,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         end_quarantines();
         end_jobs_without_checkers();
         give_up_scenes_that_do_not_come();
+        give_up_tiles_that_do_not_come();
         forget_what_is_old();
         forget_absent_workers();
         add_up_capacity();

@@ -286,6 +286,7 @@ private:
     void give_up_scene(Job& job, const std::string& why);
     void ask_others_for_scene(const ContentHash& scene);
     void give_up_scenes_that_do_not_come();
+    void give_up_tiles_that_do_not_come();
     void take_chunk(const PeerId& peer, const protocol::Chunk& chunk);
     void give_chunk(const PeerId& peer, WorkerSession& worker, const protocol::NeedChunk& need);
     void begin_jobs_of(const ContentHash& scene);
@@ -421,6 +422,7 @@ private:
     void cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted);
     void note_overtaken(WorkerSession& worker, std::uint64_t number);
     void take_back_stuck_tiles();
+    void stop_stuck_tiles_of_others(const PeerId& peer, const WorkerSession& worker);
     void end_jobs_whose_time_is_up();
 
     // trust.cpp: tiles that are drawn twice, and workers whose pixels are wrong

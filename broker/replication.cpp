@@ -138,6 +138,7 @@ void Dispatcher::take_tile(const BrokerId& broker, const TileDone& done) {
     const auto tile = job->tile_of(done);
     if (!tile || job->distrusts(done.worker) || job->all_cells_done(*tile))
         return;
+    job->scene_came_on_at = now_;
     TileDone own = done;
     own.elapsed = std::max(own.elapsed, Duration{});
     take_result(*job, OpenTileId::none, *tile, static_cast<double>(done.rays.total()),
@@ -397,6 +398,28 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
     for (const BrokerId& broker : std::exchange(job.waiting_for_copy, {}))
         tell(broker, JobKept{job.id()});
     settle(job);
+}
+
+/// Its client submits it again, when it hears that there is no such job. Should the broker that had
+/// the tiles come back, so does the job.
+void Dispatcher::give_up_tiles_that_do_not_come() {
+    std::vector<JobId> lost;
+    for (const auto& [id, job] : jobs_)
+        if (job.phase == JobPhase::paused && !job.holds_scene &&
+            now_ - job.scene_came_on_at > limits_.tiles_patience)
+            lost.push_back(id);
+    for (const JobId& id : lost) {
+        const Job& job = jobs_.at(id);
+        log({.level = LogLevel::warning,
+             .kind = "copy_given_up",
+             .subject = to_string(id),
+             .text = described(job) + " was done, but no broker has its tiles any more: " +
+                     std::to_string(job.done_count()) + " of " +
+                     counted(state_of(job).cell_count, "cell") + " are here"});
+        if (job.is_kept)
+            persist(ForgetJob{id, true}, {.job = id});
+        discard(id);
+    }
 }
 
 // ------------------------------------------------------------------------------------ scenes

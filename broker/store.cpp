@@ -282,17 +282,22 @@ Result<void> Store::put(const PutNumber& put) {
 }
 
 Result<void> Store::put(const ForgetJob& forget) {
-    if (const auto done = bury(forget.job); !done)
+    if (const auto done = forget.may_come_back ? drop(forget.job) : bury(forget.job); !done)
         return done;
     return drop_unused_blobs();
 }
 
-Result<void> Store::bury(const JobId& job) {
-    const auto key = key_of(job);
+Result<void> Store::drop(const JobId& job) {
     for (Statement* drop : {&drop_pixels_, &drop_tiles_, &drop_distrusted_, &drop_job_})
-        if (const auto done = drop->run(key); !done)
+        if (const auto done = drop->run(key_of(job)); !done)
             return done;
-    if (const auto done = put_tombstone_.run(key, now()); !done)
+    return {};
+}
+
+Result<void> Store::bury(const JobId& job) {
+    if (const auto done = drop(job); !done)
+        return done;
+    if (const auto done = put_tombstone_.run(key_of(job), now()); !done)
         return done;
     return drop_old_tombstones_.run(options_.tombstones_max);
 }

@@ -81,6 +81,7 @@ private:
     [[nodiscard]] Result<void> put(const PutNumber& number);
     [[nodiscard]] Result<void> put(const PutTerm& term);
     [[nodiscard]] Result<void> put(const ForgetJob& forget);
+    [[nodiscard]] Result<void> drop(const JobId& job);
     [[nodiscard]] Result<void> bury(const JobId& job);
     [[nodiscard]] Result<void> put_pieces(std::int64_t blob, const std::vector<Blob>& pieces);
     [[nodiscard]] Result<void> drop_unused_blobs();

@@ -112,7 +112,7 @@ Result<void> StoreWriter::try_commit(const Batch& batch) {
 void StoreWriter::make_room(const Batch& batch) {
     std::vector<JobId> jobs;
     const auto add = [&](const Write& write) {
-        if (const auto* forget = std::get_if<ForgetJob>(&write))
+        if (const auto* forget = std::get_if<ForgetJob>(&write); forget && !forget->may_come_back)
             jobs.push_back(forget->job);
     };
     if (batch.sequence > room_made_up_to_)

@@ -66,7 +66,7 @@ void Dispatcher::end_gathering() {
     std::vector<JobId> done;
     for (auto& [id, job] : jobs_) {
         // Whoever said so is gone, and its tiles with it. They can be drawn again with the scene.
-        if (job.awaited && job.holds_scene) {
+        if (job.awaited && job.holds_scene && job.phase != JobPhase::waiting_for_scene) {
             job.revision = {job.awaited->revision.counter, {}}; // its teller's word stays newer
             job.awaited.reset();
         }

@@ -355,6 +355,9 @@ void Dispatcher::take_back_stuck_tiles() {
                 stuck.emplace_back(peer, key);
         }
     }
+    if (deals_out())
+        for (const auto& [peer, worker] : workers_)
+            stop_stuck_tiles_of_others(peer, worker);
     for (const auto& [peer, key] : stuck) {
         WorkerSession& worker = workers_.at(peer);
         const Grant grant = worker.grants.at(key);
@@ -364,6 +367,19 @@ void Dispatcher::take_back_stuck_tiles() {
             count_machine_failure(peer, worker);
         (void)take_back(key, grant, at_work, worker, "it traced no ray within the lease");
     }
+}
+
+/// What another broker has given it, which is gone or has given it up: nobody else has it stopped.
+void Dispatcher::stop_stuck_tiles_of_others(const PeerId& peer, const WorkerSession& worker) {
+    if (worker.of_others == 0)
+        return;
+    Instant moved_at{};
+    for (const auto& [key, held] : worker.in_hand)
+        moved_at = std::max(moved_at, held.progress_at);
+    for (const auto& [key, held] : worker.in_hand)
+        if (!worker.grants.contains(key) &&
+            now_ - (held.tile.rays > 0 ? held.progress_at : moved_at) > limits_.lease)
+            send(peer, CancelTile{key.job, key.tile, key.attempt});
 }
 
 } // namespace fraja::broker

@@ -73,6 +73,7 @@ struct PutTerm {
 /// The job goes, with its tiles and all scenes that no job needs now. A tombstone stays.
 struct ForgetJob {
     JobId job;
+    bool may_come_back = false; ///< no tombstone stays: it was a copy of which not all had come
 };
 
 using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutDistrusted, PutPriority,

@@ -93,8 +93,9 @@ void Kept::put(const broker::PutNumber& put, Duration) {
 
 void Kept::put(const broker::ForgetJob& forget, Duration now) {
     jobs_.erase(forget.job);
-    if (std::ranges::find(tombstones_, forget.job, &std::pair<JobId, Duration>::first) ==
-        tombstones_.end())
+    if (!forget.may_come_back &&
+        std::ranges::find(tombstones_, forget.job, &std::pair<JobId, Duration>::first) ==
+            tombstones_.end())
         tombstones_.emplace_back(forget.job, now);
     while (tombstones_.size() > tombstones_max_)
         tombstones_.pop_front();

@@ -201,8 +201,8 @@ std::string told(const PutNumber& write) {
            field("revision", revision.counter);
 }
 std::string told(const ForgetJob& write) {
-    const auto& [job] = write;
-    return "ForgetJob" + field("job", job);
+    const auto& [job, may_come_back] = write;
+    return "ForgetJob" + field("job", job) + field("may_come_back", may_come_back);
 }
 
 std::string told(const Send& action) {
