@@ -19,7 +19,7 @@
 namespace fraja::protocol {
 
 /// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 11;
+inline constexpr std::uint16_t version = 12;
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -103,10 +103,11 @@ enum class RefusalCode : std::uint8_t {
     conflict, ///< the id is taken by something else
     invalid,  ///< the content makes no sense
     no_such_worker,
+    not_allowed, ///< the peer's key lacks the role for it
 };
 template <>
 struct ValueCount<RefusalCode> {
-    static constexpr unsigned value = 9;
+    static constexpr unsigned value = 10;
 };
 
 enum class FailureCode : std::uint8_t {

@@ -66,7 +66,7 @@ TEST_CASE("the bytes of a message do not drift") {
     // Written out by hand from PROTOCOL.md: a change of these bytes is a new version of the
     // protocol.
     const Packet packet = encode(NeedChunk{ContentHash{}, 0x80000});
-    CHECK(packet.header == raw({'F', 'R', 'J', 'A', 11, 0, 10, 0}));
+    CHECK(packet.header == raw({'F', 'R', 'J', 'A', 12, 0, 10, 0}));
     Bytes body = raw({0x92, 0xc4, 32});
     body.insert(body.end(), 32, std::byte{0});
     for (const unsigned b : {0xceu, 0x00u, 0x08u, 0x00u, 0x00u})
@@ -100,9 +100,9 @@ TEST_CASE("what is not exactly a message is refused") {
              Row{"no frame", {}},
              Row{"one frame", {Blob(header_of(Beat::type))}},
              Row{"empty header", frames_of({}, raw({0x90}))},
-             Row{"another magic", frames_of(raw({'F', 'R', 'A', 'J', 11, 0, 5, 0}), raw({0x90}))},
-             Row{"short header", frames_of(raw({'F', 'R', 'J', 'A', 11, 0, 5}), raw({0x90}))},
-             Row{"long header", frames_of(raw({'F', 'R', 'J', 'A', 11, 0, 5, 0, 0}), raw({0x90}))},
+             Row{"another magic", frames_of(raw({'F', 'R', 'A', 'J', 12, 0, 5, 0}), raw({0x90}))},
+             Row{"short header", frames_of(raw({'F', 'R', 'J', 'A', 12, 0, 5}), raw({0x90}))},
+             Row{"long header", frames_of(raw({'F', 'R', 'J', 'A', 12, 0, 5, 0, 0}), raw({0x90}))},
              Row{"unknown type", frames_of(header_of(999), raw({0x90}))},
              Row{"empty body", frames_of(header_of(Beat::type), {})},
              Row{"body is no array", frames_of(header_of(Beat::type), raw({0x01}))},
