@@ -8,8 +8,9 @@
 namespace fraja::broker {
 
 Dispatcher::Dispatcher(Identity identity, Limits limits)
-    : identity_(std::move(identity)), limits_(limits), fetch_times_(limits.fetch_times_max),
-      blobs_(limits.blob_bytes_max) {}
+    : identity_(std::move(identity)), limits_(limits),
+      refusals_told_(limits.refusal_told_interval, limits.refusals_told_max),
+      fetch_times_(limits.fetch_times_max), blobs_(limits.blob_bytes_max) {}
 
 void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& actions) {
     actions_ = &actions;

@@ -12,6 +12,7 @@
 #include "broker/speed.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
+#include "common/base/once.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <compare>
@@ -101,6 +102,7 @@ private:
         std::optional<Instant> quarantined_until;
         std::map<FilmId, JobId> frames;  ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes; ///< that it was given something of, the last one last
+        Holder holder;                   ///< of the key it came with
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
@@ -110,6 +112,7 @@ private:
     struct ClientSession {
         std::string name;
         Instant heard_at;
+        Holder holder;
     };
     using Workers = std::map<PeerId, WorkerSession>;
     /// A job as well, until it is over. Its scene is kept as long as a worker may ask for it.
@@ -127,8 +130,10 @@ private:
     void on(const PeerSaid& event);
     void on(const PeerSpokeRubbish& event);
     void on(const PeerUnreachable& event);
-    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello);
-    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello);
+    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello,
+                        const Holder& holder);
+    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello,
+                        const Holder& holder);
     void from_worker(const PeerId& peer, WorkerSession& worker, const protocol::Message& message);
     void from_client(const PeerId& peer, const protocol::Message& message);
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
@@ -140,7 +145,7 @@ private:
         WorkerSession session; ///< as it ended
         Blames blamed;
     };
-    enum class Departure { said_goodbye, lost, replaced };
+    enum class Departure { said_goodbye, lost, replaced, dismissed };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
     void remember(WorkerSession session, Blames blamed);
     void recall(WorkerSession& worker);
@@ -151,6 +156,12 @@ private:
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
     void turn_away(const PeerId& peer, protocol::RefusalCode code, const std::string& reason);
+
+    // permission.cpp: who may say what
+    [[nodiscard]] bool may_say(const PeerSaid& event);
+    void refuse_role(const PeerId& peer, const protocol::KeyHolder& holder, protocol::Roles needed,
+                     const std::string& deed);
+    void on(const RolesChanged& event);
 
     // jobs.cpp: what is to be done
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
@@ -351,6 +362,7 @@ private:
     Identity identity_;
     Limits limits_;
     Counters counters_;
+    Once refusals_told_;
 
     Workers workers_;
     std::map<WorkerId, PeerId> peer_of_worker_;
