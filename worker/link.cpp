@@ -44,8 +44,11 @@ void Link::receive_some() {
 }
 
 void Link::keep_time(Instant now) {
-    if (now >= resend_at_)
+    if (now >= resend_at_) {
         flush();
+        if (std::string why = line_.refusal(); why != refusal_ && !why.empty())
+            step(Undecodable{{ErrorCode::refused, refusal_ = std::move(why)}});
+    }
     heed_caller();
     if (caller_ != 0 && now >= session_.next_deadline())
         step(Tick{pool_.progress(who_.index)});

@@ -29,6 +29,11 @@ public:
     net::SendStatus send(const protocol::Packet& packet) {
         return std::visit([&](auto& socket) { return socket.send(packet); }, socket_);
     }
+    /// As DealerSocket's.
+    [[nodiscard]] std::string refusal() const {
+        const auto* dealer = std::get_if<net::DealerSocket>(&socket_);
+        return dealer ? dealer->refusal() : std::string();
+    }
     void set_linger(Duration linger) {
         std::visit([&](auto& socket) { socket.set_linger(linger); }, socket_);
     }
@@ -97,6 +102,7 @@ private:
     std::deque<protocol::Packet> outbox_;
     Instant resend_at_ = Instant::never();
     Duration resend_pause_{};
+    std::string refusal_; // that the session has been told
     std::optional<FinishReason> finished_;
     Instant finished_at_{};
 };

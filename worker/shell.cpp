@@ -63,7 +63,11 @@ public:
         // would push itself out for ever.
         for (std::uint64_t i = 0; i < session_count(options_); ++i) {
             const std::string& broker = options_.brokers[options_.emulated.empty() ? i : 0];
-            auto socket = net::DealerSocket::connect(context, broker);
+            // Emulated workers have one broker and one key: what one is told holds for all.
+            using Telling = net::DealerSocket::Telling;
+            auto socket = net::DealerSocket::connect(
+                context, broker,
+                options_.emulated.empty() || i == 0 ? Telling::refusals : Telling::nothing);
             if (!socket)
                 return socket.error();
             add_link(std::move(*socket), broker, identity_of(i));
@@ -97,8 +101,14 @@ private:
     }
 
     Result<void> listen(const net::Context& context) {
-        const auto wanted =
-            listening_endpoints(options_.listen, options_.insecure, session_count(options_));
+        if (!options_.allow.empty()) { // before anything is bound
+            auto list = net::AllowList::read(options_.allow);
+            const auto taken = list ? context.admit(*std::move(list)) : Result<void>(list.error());
+            if (!taken)
+                return Error{taken.error().code, "--allow: " + taken.error().message};
+        }
+        const auto wanted = listening_endpoints(
+            options_.listen, options_.insecure || !options_.allow.empty(), session_count(options_));
         if (!wanted)
             return wanted.error();
         std::vector<std::string> bound;
