@@ -1,5 +1,5 @@
-// The sockets: with frames.hpp, the only code that knows ZeroMQ. Options and their reasons are
-// those of ARCHITECTURE.md.
+// The sockets: with frames.hpp, keys, doorman and handshakes, the only code that knows ZeroMQ.
+// Options and their reasons are those of ARCHITECTURE.md.
 //
 // A socket belongs to one thread at a time. Nothing here blocks but `wait`.
 #pragma once

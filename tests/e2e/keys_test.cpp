@@ -125,7 +125,8 @@ TEST_CASE("a farm with keys draws the same picture, and everybody may do what th
     CHECK(count("refused ClientHello: the key of worker lacks") == 1);
 }
 
-TEST_CASE("a list that is read again takes rights away and gives them; a bad one changes nothing") {
+TEST_CASE(
+    "a list that is read again takes rights away and gives them, and a bad one changes nothing") {
     const Ring ring;
     ring.allow({{"worker", "worker"}, {"ada", "submit"}});
     Farm farm(ring.broker_options());

@@ -106,7 +106,7 @@ TEST_CASE("a key pair is read again, and what is none is refused without quoting
     CHECK(!parse_public_key(std::string(40, '#')).has_value()); // beyond 32 bits
 }
 
-TEST_CASE("an allow-list names holders of keys and their roles; what is wrong with it, the line") {
+TEST_CASE("an allow-list names holders of keys and their roles, and of what is wrong the line") {
     const KeyPair ada = make_key_pair(), farm = make_key_pair();
     const AllowList list =
         allow("# who may do what\n\n" + entry("submit,admin", ada, "ada lovelace") + "  " +
