@@ -13,6 +13,7 @@
 #include "broker/speed.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
+#include "common/base/once.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <compare>
@@ -114,6 +115,7 @@ private:
         std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
         /// It has not said yet what others have given it, and gets nothing before that.
         std::optional<Instant> tells_by;
+        Holder holder; ///< of the key it came with
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
@@ -123,6 +125,7 @@ private:
     struct ClientSession {
         std::string name;
         Instant heard_at;
+        Holder holder;
     };
     using Workers = std::map<PeerId, WorkerSession>;
     /// A job as well, until it is over. Its scene is kept as long as a worker may ask for it.
@@ -231,8 +234,10 @@ private:
     void on(const PeerSpokeRubbish& event);
     void on(const PeerUnreachable& event);
     [[nodiscard]] protocol::Welcome welcome(std::uint64_t incarnation) const;
-    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello);
-    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello);
+    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello,
+                        const Holder& holder);
+    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello,
+                        const Holder& holder);
     void from_worker(const PeerId& peer, WorkerSession& worker, const protocol::Message& message);
     void from_client(const PeerId& peer, const protocol::Message& message);
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
@@ -244,7 +249,7 @@ private:
         WorkerSession session; ///< as it ended
         Blames blamed;
     };
-    enum class Departure { said_goodbye, lost, replaced };
+    enum class Departure { said_goodbye, lost, replaced, dismissed };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
     void remember(WorkerSession session, Blames blamed);
     void recall(WorkerSession& worker);
@@ -255,6 +260,12 @@ private:
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
     void turn_away(const PeerId& peer, protocol::RefusalCode code, const std::string& reason);
+
+    // permission.cpp: who may say what
+    [[nodiscard]] bool may_say(const PeerSaid& event);
+    void refuse_role(const PeerId& peer, const protocol::KeyHolder& holder, protocol::Roles needed,
+                     const std::string& deed);
+    void on(const RolesChanged& event);
 
     // jobs.cpp: what is to be done
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
@@ -485,6 +496,7 @@ private:
     Identity identity_;
     Limits limits_;
     Counters counters_;
+    Once refusals_told_;
 
     Membership membership_;
     std::map<std::string, Line> lines_;   ///< by endpoint

@@ -154,6 +154,7 @@ private:
             return;
         next_report_ = now + report_interval;
         report_.at = now;
+        tell_of_strangers();
         report_.epoch = epoch_;
         dispatcher_.set_unix_offset(since_1970() - (now - Instant{}));
         report_.figures = dispatcher_.figures();
@@ -196,11 +197,47 @@ private:
                 if (const auto limits =
                         options_.on_hangup ? options_.on_hangup() : std::optional<Limits>())
                     dispatcher_.change_limits(*limits);
+                read_allow_list_again();
             } else if (*signal == SIGUSR1) {
                 for (const std::string& line : dispatcher_.describe(net::now()))
                     log({LogLevel::info, {}, {}, line});
             }
         }
+    }
+
+    /// A list that cannot be used changes nothing. The stream's subscribers are known to libzmq
+    /// alone: so where one may not follow any more all are cut off, and the others come back.
+    void read_allow_list_again() {
+        if (options_.allow.empty())
+            return;
+        const auto before = context_.admitted();
+        auto list = net::AllowList::read(options_.allow);
+        const auto taken = list ? context_.admit(*std::move(list)) : Result<void>(list.error());
+        if (!taken) {
+            log({LogLevel::error,
+                 "allow_list_refused",
+                 {},
+                 "the keys that are known stay as they were: " + taken.error().message});
+            return;
+        }
+        const auto now = context_.admitted();
+        log({LogLevel::info,
+             "allow_list_read",
+             {},
+             "knows " + counted(now->size() - 1, "key") + " of " + options_.allow.string()});
+        step(RolesChanged{now->roles()});
+        if (before->followers_lost_in(*now))
+            publisher_.cut_off_all();
+    }
+
+    void tell_of_strangers() {
+        report_.keys_refused = context_.refused_count();
+        for (const net::Stranger& s : context_.take_strangers())
+            log({LogLevel::warning,
+                 "key_refused",
+                 {},
+                 "refused the key " + (s.key.empty() ? "(none)" : s.key) + " from " + s.address +
+                     ": " + s.why});
     }
 
     /// Of those that are not over.
@@ -239,7 +276,8 @@ private:
         report_.received_bytes += byte_count(received->frames);
         auto message = protocol::decode(received->frames);
         if (message)
-            step(PeerSaid{std::move(received->peer), std::move(*message)});
+            step(PeerSaid{std::move(received->peer), std::move(*message),
+                          std::move(received->holder)});
         else
             step(PeerSpokeRubbish{std::move(received->peer), message.error()});
         return true;
@@ -388,10 +426,17 @@ Error about(const std::string& option, Error error) {
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
-    const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, options.insecure);
+    if (!options.allow.empty()) { // before anything is bound
+        auto list = net::AllowList::read(options.allow);
+        if (const auto taken = list ? context.admit(*std::move(list)) : Result<void>(list.error());
+            !taken)
+            return about("--allow", taken.error());
+    }
+    const bool open_to_all = options.insecure || !options.allow.empty();
+    const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, open_to_all);
     if (!bind)
         return about("--bind", bind.error());
-    const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, options.insecure);
+    const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, open_to_all);
     if (!publish)
         return about("--publish", publish.error());
     const net::Waker waker;

@@ -43,6 +43,9 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
         }
         return Change::none;
     }
+    if (const auto* away = std::get_if<TurnedAway>(&event))
+        return open_ ? Change::none
+                     : end(Change::refused, {ExitCode::refused, broker() + ": " + away->reason});
     if (const auto* bad = std::get_if<Undecodable>(&event)) {
         if (bad->error.code == ErrorCode::version_mismatch)
             return end(Change::refused, {ExitCode::refused, broker() + ": " + bad->error.message});
@@ -94,7 +97,8 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
 
 Session::Change Session::take(Instant now, const protocol::Refused& refused,
                               std::vector<Action>& actions) {
-    if (refused.code == protocol::RefusalCode::version_mismatch)
+    if (refused.code == protocol::RefusalCode::version_mismatch ||
+        refused.code == protocol::RefusalCode::not_allowed)
         return end(Change::refused, {ExitCode::refused, broker() + ": " + refused.reason});
     if (refused.code == protocol::RefusalCode::unknown_peer && open_) {
         open_ = false; // it restarted, or had lost us: same connection, new session

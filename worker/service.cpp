@@ -55,7 +55,8 @@ std::string opening_line(const ServiceOptions& service) {
 
 Service::Service(ServiceOptions options, const net::SignalWatch& signals)
     : options_(std::move(options)), signals_(signals), opening_(opening_line(options_)),
-      logger_(options_.program, options_.log), duty_(options_.duty) {
+      logger_(options_.program, options_.log), context_(std::move(options_.keys)),
+      duty_(options_.duty) {
     options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
     options_.worker.on_listening = [this](const std::vector<std::string>& endpoints) {
         open(); // not before it is known that it can

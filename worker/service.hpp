@@ -18,8 +18,9 @@
 namespace fraja::worker {
 
 struct ServiceOptions {
-    std::string program;  ///< opens every line of the log
-    WorkerOptions worker; ///< its callbacks are the service's
+    std::string program;           ///< opens every line of the log
+    WorkerOptions worker;          ///< its callbacks are the service's
+    std::optional<net::Keys> keys; ///< nothing: it has none
     DutyTerms duty;
     std::optional<Hours> hours; ///< nothing: all day
     service::LogOptions log;

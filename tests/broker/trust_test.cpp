@@ -1,4 +1,5 @@
 // Tiles that a second worker draws as well, and a worker whose pixels are wrong.
+#include "common/protocol/limits.hpp"
 #include "tests/broker/fleet.hpp"
 
 namespace fraja::broker {

@@ -1,0 +1,208 @@
+// A farm with keys: who is let in, what each may do, and that no secret shows.
+#include "tests/e2e/farm.hpp"
+
+#include <csignal>
+#include <fstream>
+#include <map>
+#include <sys/stat.h>
+
+using namespace fraja;
+using namespace fraja::e2e;
+
+namespace {
+
+/// The keys of a farm's people, made as they make them.
+class Ring {
+public:
+    Ring() {
+        farm_ = make("farm", {});
+        for (const char* name : {"worker", "ada", "eve", "stranger"})
+            keys_[name] = make(name, {"--broker-key", farm_});
+    }
+    [[nodiscard]] std::string file(const std::string& name) const {
+        return scratch_.file(name + ".key");
+    }
+    [[nodiscard]] std::string allow_file() const { return scratch_.file("allow"); }
+    [[nodiscard]] std::string scratch(const std::string& name) const { return scratch_.file(name); }
+    void allow(const std::map<std::string, std::string>& roles) const {
+        std::ofstream out(allow_file());
+        for (const auto& [name, role] : roles)
+            out << role << ' ' << keys_.at(name) << ' ' << name << '\n';
+    }
+    [[nodiscard]] Words broker_options() const {
+        return {"--heartbeat", heartbeat_option, "--key-file",
+                file("farm"),  "--allow",        allow_file()};
+    }
+    [[nodiscard]] std::string secret(const std::string& name) const {
+        std::ifstream in(file(name));
+        for (std::string line; std::getline(in, line);)
+            if (line.starts_with("secret = '"))
+                return line.substr(10, 40);
+        FAIL("no secret");
+        return {};
+    }
+
+private:
+    std::string make(const std::string& name, const Words& options) const {
+        const auto made =
+            run({with({program("fraja-ctl"), "keygen", "-o", file(name)}, options)}, patience);
+        REQUIRE(made.has_value());
+        REQUIRE(made->exit == 0);
+        REQUIRE(made->out.size() == 41);
+        return made->out.substr(0, 40);
+    }
+
+    Scratch scratch_;
+    std::string farm_;
+    std::map<std::string, std::string> keys_;
+};
+
+RunResult ask(const Words& words) {
+    auto ran = run({words}, patience);
+    REQUIRE(ran.has_value());
+    return *std::move(ran);
+}
+
+} // namespace
+
+TEST_CASE("a farm with keys draws the same picture, and everybody may do what the list says") {
+    const Ring ring;
+    ring.allow({{"worker", "worker"}, {"ada", "submit,admin"}, {"eve", "watch"}});
+    Farm farm(ring.broker_options());
+    farm.add_worker("one", {"-j", "1", "--key-file", ring.file("worker")});
+    const Scratch scratch;
+    const Words picture = {scene("cone"), "-r", "40x30", "--tile", "8"};
+    const auto as = [&](const std::string& name, const std::string& prog, const Words& words) {
+        return ask(
+            with({program(prog), "-b", farm.endpoint(), "--key-file", ring.file(name)}, words));
+    };
+    const auto submit = [&](const std::string& name) {
+        return as(name, "fraja-submit", with(picture, {"-o", scratch.file("x.png")}));
+    };
+    CHECK(submit("ada").exit == 0);
+    CHECK((bytes_of(scratch.file("x.png")) == local_picture(scratch, picture)));
+    CHECK(as("eve", "fraja-ctl", {"jobs"}).exit == 0);
+    CHECK(as("eve", "fraja-watch", {"cone", "--json"}).exit == 0);
+
+    struct Row {
+        std::string name, prog;
+        Words words;
+        const char* says;
+    };
+    for (const Row& row :
+         {Row{"eve", "fraja-submit", with(picture, {"-o", scratch.file("y.png")}),
+              "lacks the role submit"},
+          Row{"eve", "fraja-ctl", {"prio", "cone", "5"}, "lacks the role submit or admin"},
+          Row{"eve", "fraja-ctl", {"drain", "one"}, "lacks the role admin"},
+          Row{"worker", "fraja-ctl", {"jobs"}, "lacks the role submit or watch or admin"},
+          Row{"worker", "fraja-ctl", {"cancel", "--yes", "cone"}, "lacks the role"},
+          Row{"stranger", "fraja-ctl", {"jobs"}, "refuses our key"},
+          Row{"stranger", "fraja-submit", with(picture, {"-o", scratch.file("y.png")}),
+              "refuses our key"}}) {
+        CAPTURE(row.name);
+        CAPTURE(row.prog);
+        const RunResult refused = as(row.name, row.prog, row.words);
+        CAPTURE(refused.err);
+        CHECK(refused.exit == 4);
+        CHECK(contains(refused.err, row.says));
+        CHECK(as(row.name, row.prog, row.words).exit == 4); // logged no second time
+    }
+    // Who has no key, and who takes it for another farm, are told as well, and soon.
+    const RunResult keyless = ask({program("fraja-ctl"), "-b", farm.endpoint(), "jobs"});
+    CHECK(keyless.exit == 4);
+    CHECK(contains(keyless.err, "--key-file"));
+    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "nobody knows it", patience));
+    const std::string& log = farm.broker().err();
+    const auto count = [&log](std::string_view words) {
+        std::size_t n = 0;
+        for (std::size_t at = log.find(words); at != std::string::npos;
+             at = log.find(words, at + 1))
+            ++n;
+        return n;
+    };
+    CHECK(count("nobody knows it") == 1);
+    CHECK(count("refused SubmitJob: the key of eve lacks") == 1);
+    CHECK(count("refused ClientHello: the key of worker lacks") == 1);
+}
+
+TEST_CASE(
+    "a list that is read again takes rights away and gives them, and a bad one changes nothing") {
+    const Ring ring;
+    ring.allow({{"worker", "worker"}, {"ada", "submit"}});
+    Farm farm(ring.broker_options());
+    Process& worker = farm.add_worker("one", {"-j", "1", "--key-file", ring.file("worker")});
+    const auto jobs = [&](const std::string& name) {
+        return ask({program("fraja-ctl"), "-b", farm.endpoint(), "--key-file", ring.file(name),
+                    "jobs"})
+            .exit;
+    };
+    const auto reread = [&](const char* words) {
+        farm.broker().send(SIGHUP);
+        REQUIRE(farm.broker().wait_for_words(Process::Stream::err, words, patience));
+    };
+    std::ofstream(ring.allow_file()) << "nonsense\n";
+    reread("stay as they were: ");
+    CHECK(contains(farm.broker().err(), ring.allow_file() + ":1: there is no role 'nonsense'"));
+    CHECK(jobs("ada") == 0);
+
+    ring.allow({{"ada", "submit"}});
+    reread("knows 1 key of");
+    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "its key has lost the role worker",
+                                         patience));
+    REQUIRE(worker.wait_for_words(Process::Stream::err, "refused by the broker, will ask again",
+                                  patience));
+    ring.allow({{"worker", "worker"}, {"eve", "watch"}, {"stranger", "submit"}});
+    reread("knows 3 keys of");
+    int connected = 0; // it asks again by itself
+    REQUIRE(worker.wait_for_line(
+        Process::Stream::err,
+        [&](std::string_view line) { return contains(line, "connected: ") && ++connected == 2; },
+        patience));
+    CHECK(jobs("ada") == 4);
+    CHECK(jobs("stranger") == 0);
+}
+
+TEST_CASE("no secret shows in arguments, logs, errors or core dumps") {
+    const Ring ring;
+    ring.allow({{"worker", "worker"}, {"ada", "submit,admin"}});
+    Farm farm(with(ring.broker_options(), {"--log-level", "debug"}));
+    Process& worker = farm.add_worker(
+        "one", {"-j", "1", "--log-level", "debug", "--key-file", ring.file("worker")});
+    std::string said;
+    for (const Words& words : {Words{"fraja-ctl", "doctor"}, Words{"fraja-ctl", "--json", "jobs"},
+                               Words{"fraja-ctl", "keygen", "-o", ring.file("ada")},
+                               Words{"fraja-submit", scene("cone"), "-r", "8x6", "--stats", "-o",
+                                     ring.scratch("s.png")}}) {
+        const RunResult ran = ask(with({program(words[0]), "-b", farm.endpoint(), "--key-file",
+                                        ring.file("ada"), "--log-level", "debug"},
+                                       Words(words.begin() + 1, words.end())));
+        said += ran.out + ran.err;
+    }
+    said += ask({program("fraja-submit"), "--check-settings"}).out;
+    farm.broker().send(SIGUSR1);
+    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "in flight, ", patience));
+    for (Process* process : {&farm.broker(), &worker}) {
+        const std::string proc = "/proc/" + std::to_string(process->pid());
+        std::ifstream arguments(proc + "/cmdline");
+        said += std::string(std::istreambuf_iterator<char>(arguments), {});
+        struct stat status {};
+        REQUIRE(stat((proc + "/mem").c_str(), &status) == 0);
+        CHECK(status.st_uid == 0); // it cannot be dumped, so it is root's
+        std::ifstream limits(proc + "/limits");
+        const std::string text(std::istreambuf_iterator<char>(limits), {});
+        CHECK(contains(text, "Max core file size        0"));
+        said += process->out() + process->err();
+    }
+    for (const char* name : {"farm", "worker", "ada"}) {
+        // Any eight characters of it would be too much.
+        const std::string secret = ring.secret(name);
+        for (std::size_t at = 0; at + 8 <= secret.size(); ++at)
+            CHECK(!contains(said, secret.substr(at, 8)));
+    }
+    // A file that others may read is not read.
+    REQUIRE(chmod(ring.file("ada").c_str(), 0644) == 0);
+    const RunResult refused =
+        ask({program("fraja-ctl"), "-b", farm.endpoint(), "--key-file", ring.file("ada"), "jobs"});
+    CHECK(refused.exit == 2);
+    CHECK(contains(refused.err, "chmod 600 "));
+}
