@@ -160,6 +160,8 @@ void add_peers(Families& all, const Report& r) {
                   {"not_allowed", c.not_allowed}});
     all.counter("keys_refused_total", "Handshakes that were refused over their key.",
                 r.keys_refused);
+    all.counter("keys_missing_total", "Handshakes that ended before a key was shown.",
+                r.keys_missing);
     all.counter("received_bytes_total", "Messages from workers and clients.", r.received_bytes);
     all.counter("sent_bytes_total", "Messages to workers and clients.", r.sent_bytes);
     all.counter("published_bytes_total", "Messages of the stream, once for all subscribers.",

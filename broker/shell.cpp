@@ -4,6 +4,7 @@
 #include "broker/restore.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
+#include "common/base/once.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -24,6 +25,7 @@ namespace fraja::broker {
 namespace {
 
 constexpr int messages_per_turn_max = 1'000; // then the clock is looked at again
+constexpr Duration keyless_told_interval = std::chrono::minutes(10);
 
 Duration since_1970() {
     return std::chrono::system_clock::now().time_since_epoch();
@@ -238,6 +240,16 @@ private:
                  {},
                  "refused the key " + (s.key.empty() ? "(none)" : s.key) + " from " + s.address +
                      ": " + s.why});
+        const std::uint64_t missing = context_.keyless_count() - report_.keys_missing;
+        report_.keys_missing += missing;
+        keyless_untold_ += missing;
+        if (keyless_untold_ > 0 && keyless_told_.is_new(report_.at, {}))
+            log({LogLevel::warning,
+                 "key_missing",
+                 {},
+                 counted(std::exchange(keyless_untold_, 0), "connection") +
+                     " ended before a key was shown: who has none (--key-file), or takes this for "
+                     "another farm, is not let in"});
     }
 
     /// Of those that are not over.
@@ -412,6 +424,8 @@ private:
     std::optional<Upstream> upstream_;
     Report report_; ///< the next one
     Instant next_report_;
+    std::uint64_t keyless_untold_ = 0;
+    Once keyless_told_{keyless_told_interval, 1};
     std::vector<Action> actions_;
     bool stopped_by_signal_ = false;
 };

@@ -2,7 +2,6 @@
 
 #include "common/net/frames.hpp"
 
-#include <atomic>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
@@ -22,21 +21,22 @@ std::string new_endpoint() {
     return "inproc://fraja-handshakes-" + std::to_string(++count);
 }
 
-} // namespace
-
-Handshakes::Handshakes(zmq::context_t& context, zmq::socket_t& socket, bool have_keys)
-    : events_(context, zmq::socket_type::pair), have_keys_(have_keys) {
+zmq::socket_t monitor(zmq::context_t& context, zmq::socket_t& socket, int wanted) {
+    zmq::socket_t events(context, zmq::socket_type::pair);
     const std::string endpoint = new_endpoint();
-    if (zmq_socket_monitor(socket.handle(), endpoint.c_str(), wanted_events) != 0)
+    if (zmq_socket_monitor(socket.handle(), endpoint.c_str(), wanted) != 0)
         throw zmq::error_t();
-    events_.set(zmq::sockopt::linger, 0);
-    events_.set(zmq::sockopt::rcvhwm, 0);
-    events_.connect(endpoint);
+    events.set(zmq::sockopt::linger, 0);
+    events.set(zmq::sockopt::rcvhwm, 0);
+    events.connect(endpoint);
+    return events;
 }
 
-void Handshakes::look() {
+/// Each that has happened goes to `note(event, value)`.
+template <class F>
+void take_events(zmq::socket_t& events, F note) {
     zmq::message_t event;
-    while (net::take(events_, event)) {
+    while (net::take(events, event)) {
         std::uint16_t number = 0;
         std::uint32_t value = 0;
         if (event.size() == sizeof number + sizeof value) {
@@ -46,8 +46,27 @@ void Handshakes::look() {
             note(number, value);
         }
         if (event.more()) // the endpoint
-            (void)take_next(events_);
+            (void)take_next(events);
     }
+}
+
+} // namespace
+
+Handshakes::Handshakes(zmq::context_t& context, zmq::socket_t& socket, bool have_keys)
+    : events_(monitor(context, socket, wanted_events)), have_keys_(have_keys) {}
+
+void Handshakes::look() {
+    take_events(events_, [this](int event, unsigned value) { note(event, value); });
+}
+
+/// Of two whose mechanisms differ either may see it first, and hang up.
+Keyless::Keyless(zmq::context_t& context, zmq::socket_t& socket, std::atomic<std::uint64_t>& count)
+    : events_(monitor(context, socket,
+                      ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL | ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL)),
+      count_(&count) {}
+
+void Keyless::look() {
+    take_events(events_, [this](int, unsigned) { ++*count_; });
 }
 
 // Seen with libzmq 4.3.4: who is refused by ZAP hears 400. Where one of two has keys, both see that

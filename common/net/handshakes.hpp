@@ -1,8 +1,9 @@
-// Handshakes: why who listens does not let us in, as libzmq's monitor of a socket tells it. For
-// sockets.cpp alone.
+// Handshakes: why who listens does not let us in, and who does not come in here for want of a key,
+// as libzmq's monitor of a socket tells it. For sockets.cpp alone.
 #pragma once
 
-#include <array>
+#include <atomic>
+#include <cstdint>
 #include <string>
 #include <zmq.hpp>
 
@@ -32,6 +33,19 @@ private:
     int broken_off_ = 0; ///< handshakes in a row
     bool is_over_ = false;
     std::string why_;
+};
+
+/// Of a socket that is bound, and has keys: counts handshakes that ended before the doorman was
+/// shown a key. Used by the socket's thread, which looks whenever there is nothing to receive.
+class Keyless {
+public:
+    /// `count` outlives this.
+    Keyless(zmq::context_t& context, zmq::socket_t& socket, std::atomic<std::uint64_t>& count);
+    void look();
+
+private:
+    zmq::socket_t events_;
+    std::atomic<std::uint64_t>* count_;
 };
 
 } // namespace fraja::net

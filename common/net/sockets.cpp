@@ -8,6 +8,7 @@
 #include "common/protocol/packing.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <mutex>
@@ -111,6 +112,7 @@ struct Context::Impl {
     std::optional<Keys> keys;
     std::mutex mutex;
     std::shared_ptr<Doorman> doorman; // guarded by it
+    std::atomic<std::uint64_t> keyless_count = 0;
 
     explicit Impl(std::optional<Keys> own) : keys(std::move(own)) {}
     ~Impl() { context.shutdown(); } // so that the doorman ends
@@ -154,6 +156,10 @@ std::uint64_t Context::refused_count() const {
     return doorman ? doorman->refused_count() : 0;
 }
 
+std::uint64_t Context::keyless_count() const {
+    return impl_->keyless_count;
+}
+
 std::vector<Stranger> Context::take_strangers() const {
     const auto doorman = impl_->the_doorman();
     return doorman ? doorman->take_strangers() : std::vector<Stranger>();
@@ -161,6 +167,8 @@ std::vector<Stranger> Context::take_strangers() const {
 
 struct SocketImpl {
     zmq::socket_t socket;
+    // Of one that is bound:
+    std::optional<Keyless> keyless = {};
     // Of a DealerSocket:
     std::string endpoint = {};
     std::optional<Handshakes> handshakes = {};
@@ -177,12 +185,19 @@ std::unique_ptr<SocketImpl> open(const Context& context, zmq::socket_type type) 
 }
 
 /// Of a socket that binds, before it does.
-void set_server_keys(zmq::socket_t& socket, const Context& context, const char* door) {
+void set_server_keys(SocketImpl& impl, const Context& context, const char* door) {
     if (!context.admitted())
         return;
+    zmq::socket_t& socket = impl.socket;
+    impl.keyless.emplace(context.impl().context, socket, context.impl().keyless_count);
     socket.set(zmq::sockopt::curve_server, true);
     socket.set(zmq::sockopt::curve_secretkey, context.impl().keys->own.secret.text());
     socket.set(zmq::sockopt::zap_domain, door);
+}
+
+void look_for_keyless(SocketImpl& impl) {
+    if (impl.keyless)
+        impl.keyless->look();
 }
 
 /// Of a socket that connects, before it does. What does not leave the process is not encrypted.
@@ -229,7 +244,7 @@ Result<std::unique_ptr<SocketImpl>> bind_router(const Context& context, const st
         router->socket.set(zmq::sockopt::router_mandatory, true);
         router->socket.set(zmq::sockopt::sndhwm, router_queue_max);
         router->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
-        set_server_keys(router->socket, context, door);
+        set_server_keys(*router, context, door);
         set_family_for_bind(router->socket, endpoint);
         router->socket.bind(endpoint);
         return router;
@@ -268,6 +283,8 @@ std::optional<RoutedMessage> RouterSocket::receive() {
     auto message = take_routed(impl_->socket, doorman_.get());
     while (calls_ && message && is_probe(message->frames)) // of those whom we have called ourselves
         message = take_routed(impl_->socket, doorman_.get());
+    if (!message)
+        look_for_keyless(*impl_);
     return message;
 }
 
@@ -297,11 +314,14 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
 
 // --------------------------------------------------------------------------------- ROUTER, called
 
+CalleeSocket::CalleeSocket(std::unique_ptr<SocketImpl> impl, const Context& context)
+    : Socket(std::move(impl)), doorman_(context.impl().the_doorman()) {}
+
 Result<CalleeSocket> CalleeSocket::bind(const Context& context, const std::string& endpoint) {
     auto router = bind_router(context, endpoint, call_door);
     if (!router)
         return router.error();
-    return CalleeSocket(std::move(*router));
+    return CalleeSocket(std::move(*router), context);
 }
 
 std::string CalleeSocket::endpoint() const {
@@ -310,10 +330,16 @@ std::string CalleeSocket::endpoint() const {
 
 std::optional<Frames> CalleeSocket::receive() {
     for (int i = 0; i < unheard_max; ++i) {
-        auto message = take_routed(impl_->socket, nullptr);
-        if (!message)
+        auto message = take_routed(impl_->socket, doorman_.get());
+        if (!message) {
+            look_for_keyless(*impl_);
             return std::nullopt;
-        if (is_probe(message->frames))
+        }
+        if (message->holder && !message->holder->roles.has_any(protocol::caller_roles)) {
+            std::erase(waiting_, message->peer);
+            if (caller_ != 0 && message->peer == peer_)
+                pass_on();
+        } else if (is_probe(message->frames))
             note_call(std::move(message->peer));
         else if (caller_ != 0 && message->peer == peer_)
             return std::move(message->frames);
@@ -466,7 +492,7 @@ std::unique_ptr<SocketImpl> open_publisher(const Context& context) {
     publisher->socket.set(zmq::sockopt::sndhwm, stream_queue_max);
     publisher->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
     publisher->socket.set(zmq::sockopt::maxmsgsize, subscriber_frame_bytes_max);
-    set_server_keys(publisher->socket, context, stream_door);
+    set_server_keys(*publisher, context, stream_door);
     return publisher;
 }
 
@@ -520,8 +546,10 @@ std::optional<SubscriptionChange> PublisherSocket::receive() {
         topics_.erase(change->topic); // nobody has been told of it
         cut_off_all();
     }
-    if (unsubscribed_.empty())
+    if (unsubscribed_.empty()) {
+        look_for_keyless(*impl_);
         return std::nullopt;
+    }
     SubscriptionChange gone{std::move(unsubscribed_.back()), false};
     unsubscribed_.pop_back();
     return gone;

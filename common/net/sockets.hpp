@@ -50,6 +50,9 @@ public:
     [[nodiscard]] std::shared_ptr<const AllowList> admitted() const;
     /// Handshakes that were refused over a key, so far.
     [[nodiscard]] std::uint64_t refused_count() const;
+    /// Handshakes that ended before a key was shown, so far: of peers that have none, know another
+    /// farm's, or speak something else.
+    [[nodiscard]] std::uint64_t keyless_count() const;
     /// Of these since the last time, each key once in a while, and no more than a log bears.
     [[nodiscard]] std::vector<Stranger> take_strangers() const;
 
@@ -127,7 +130,7 @@ private:
 
 /// A worker's side where brokers connect to it: the broker's RouterSocket calls. One caller is
 /// served at a time, for as long as it is there; others wait for their turn, in the order in which
-/// they called, and are not heard meanwhile.
+/// they called, and are not heard meanwhile. Nor is who has lost the right to call.
 class CalleeSocket : public Socket {
 public:
     /// Errors: as RouterSocket::bind.
@@ -150,12 +153,13 @@ public:
     void set_linger(Duration linger);
 
 private:
-    using Socket::Socket;
+    CalleeSocket(std::unique_ptr<SocketImpl> impl, const Context& context);
     void note_call(PeerId peer);
     [[nodiscard]] bool is_there(const PeerId& peer);
     void pass_on();
 
-    PeerId peer_; // of caller_
+    std::shared_ptr<const Doorman> doorman_; // null: there are no keys
+    PeerId peer_;                            // of caller_
     std::uint64_t caller_ = 0, callers_so_far_ = 0;
     std::deque<PeerId> waiting_;
 };

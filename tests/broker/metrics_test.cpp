@@ -67,6 +67,7 @@ Report some_report() {
     report.sent_bytes = 47;
     report.published_bytes = 48;
     report.keys_refused = 57;
+    report.keys_missing = 58;
     report.written = WriterTotals{.commits = 49, .failed_commits = 50, .bytes = 51};
     return report;
 }

@@ -203,6 +203,12 @@ TEST_CASE("whom a broker does not let in is told why at once, and tried again") 
     const Context farm(keys_of(farm_pair())), open;
     REQUIRE(farm.admit(allow(entry("submit", ada, "ada"))).has_value());
     RouterSocket closed_router = bound(farm), open_router = bound(open);
+    const auto is_counted_as_keyless = [&] {
+        return soon([&] {
+            wait({closed_router}, 10ms);
+            return !closed_router.receive() && farm.keyless_count() > 0;
+        });
+    };
 
     SUBCASE("a stranger's key is counted, told of once, and welcome when it is in the list") {
         const Context his(keys_of(stranger));
@@ -215,6 +221,8 @@ TEST_CASE("whom a broker does not let in is told why at once, and tried again") 
         }));
         const auto strangers = farm.take_strangers();
         REQUIRE(strangers.size() == 1);
+        CHECK(!closed_router.receive());
+        CHECK(farm.keyless_count() == 0);
         CHECK(strangers[0].key == stranger.public_key.text);
         CHECK(strangers[0].address == "127.0.0.1");
         CHECK(farm.take_strangers().empty());
@@ -229,6 +237,8 @@ TEST_CASE("whom a broker does not let in is told why at once, and tried again") 
     SUBCASE("who has no key") {
         DealerSocket dealer = connected(open, closed_router.endpoint());
         CHECK(say(dealer, word("x")).find("we have none") != std::string::npos);
+        CHECK(is_counted_as_keyless());
+        CHECK(farm.refused_count() == 0);
     }
     SUBCASE("who has one, at a broker without keys: nothing is said unencrypted") {
         const Context hers(keys_of(ada));
@@ -240,6 +250,7 @@ TEST_CASE("whom a broker does not let in is told why at once, and tried again") 
         const Context hers(Keys{ada, stranger.public_key});
         DealerSocket dealer = connected(hers, closed_router.endpoint());
         CHECK(say(dealer, word("x")).find("--broker-key") != std::string::npos);
+        CHECK(is_counted_as_keyless());
     }
     CHECK(!closed_router.receive());
 }
@@ -288,6 +299,19 @@ TEST_CASE("the stream is for those who may look, and a worker's door for those w
         (void)callee->receive();
         return callee->caller() != 0;
     }));
+
+    // Who may not any more is given up with the next word.
+    REQUIRE(callee->send(word("hello")) == SendStatus::sent);
+    const PeerId worker_there = heard(caller).peer;
+    const auto say_and_hear = [&] {
+        (void)caller.send(worker_there, word("welcome"));
+        wait({*callee}, 10ms);
+        return callee->receive();
+    };
+    REQUIRE(soon([&] { return say_and_hear().has_value(); }));
+    REQUIRE(farm.admit(allow(entry("watch", worker, "submitter"))).has_value());
+    REQUIRE(soon([&] { return !say_and_hear() && callee->caller() == 0; }));
+    CHECK(!say_and_hear());
 }
 
 TEST_CASE("strangers without number fill no memory") {
