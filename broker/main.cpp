@@ -278,7 +278,7 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->type_name("N/TIME");
     app.add_option("--peer", options.peers,
                    "Another broker that stands for this one, and this one for it: jobs go on as "
-                   "long as one of them is there; repeatable")
+                   "long as one of them is there; with keys it has the same one; repeatable")
         ->envname("FRAJA_PEER")
         ->allow_extra_args(false)
         ->delimiter(',')
@@ -353,6 +353,21 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
     return std::nullopt;
 }
 
+/// Brokers that stand for each other are one to their peers, so they have one key.
+Result<std::optional<net::Keys>> read_keys(const Arguments& arguments) {
+    auto keys = service::read_keys(arguments.keys, true);
+    if (!keys || !*keys || !arguments.options.upstream.broker.empty())
+        return keys;
+    if (!arguments.options.peers.empty() && (*keys)->broker != (*keys)->own.public_key)
+        return Error{ErrorCode::invalid_argument,
+                     "--peer: brokers that stand for each other have one key, that of --key-file; "
+                     "here " +
+                         std::string(arguments.keys.broker.empty() ? "that file" : "--broker-key") +
+                         " names another one as the broker's"};
+    (*keys)->broker = (*keys)->own.public_key; // others may come to stand for this one
+    return keys;
+}
+
 /// As `systemctl status` shows it.
 std::string summary(const broker::Figures& figures) {
     return fmt::format(
@@ -416,7 +431,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
 
-    auto keys = service::read_keys(arguments.keys, true);
+    auto keys = read_keys(arguments);
     if (!keys)
         return fail(keys.error().message);
     const net::Context context(*std::move(keys));
@@ -437,7 +452,7 @@ int main(int argc, char** argv) {
     if (const auto early = read_arguments(words, arguments))
         return cli::leave(*early);
     if (arguments.check) {
-        if (const auto keys = service::read_keys(arguments.keys, true); !keys)
+        if (const auto keys = read_keys(arguments); !keys)
             return fail(keys.error().message);
         if (const auto& allow = arguments.options.allow; !allow.empty())
             if (const auto list = net::AllowList::read(allow); !list)

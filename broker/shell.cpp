@@ -124,8 +124,8 @@ public:
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
-            for (const auto& [endpoint, socket] : dialled_)
-                waitables.emplace_back(socket);
+            for (const auto& [endpoint, broker] : dialled_)
+                waitables.emplace_back(broker.socket);
             Instant deadline = std::min(dispatcher_.next_deadline(), next_report_);
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
@@ -298,7 +298,7 @@ private:
     /// Those that were dialled.
     void hear_brokers() {
         std::vector<std::string> endpoints; // what they say may change who is dialled
-        for (const auto& [endpoint, socket] : dialled_)
+        for (const auto& [endpoint, broker] : dialled_)
             endpoints.push_back(endpoint);
         for (const std::string& endpoint : endpoints)
             for (int i = 0; i < messages_per_turn_max && hear_broker(endpoint); ++i) {
@@ -307,7 +307,7 @@ private:
 
     bool hear_broker(const std::string& endpoint) {
         const auto found = dialled_.find(endpoint);
-        auto frames = found == dialled_.end() ? std::nullopt : found->second.receive();
+        auto frames = found == dialled_.end() ? std::nullopt : found->second.socket.receive();
         if (!frames)
             return false;
         report_.received_bytes += byte_count(*frames);
@@ -326,7 +326,7 @@ private:
             return;
         auto socket = net::DealerSocket::connect(context_, endpoint);
         if (socket)
-            dialled_.emplace(endpoint, std::move(*socket));
+            dialled_.emplace(endpoint, Dialled{std::move(*socket)});
         else
             log({LogLevel::error,
                  "broker_undialled",
@@ -338,9 +338,19 @@ private:
         const auto found = dialled_.find(words.endpoint);
         if (found == dialled_.end())
             return;
+        auto& [socket, refusal] = found->second;
         const protocol::Packet packet = protocol::encode(words.message);
-        if (found->second.send(packet) == net::SendStatus::sent)
+        if (socket.send(packet) == net::SendStatus::sent) {
             report_.sent_bytes += packet_bytes(packet);
+            refusal.clear();
+        } else if (socket.refusal() != refusal && !socket.refusal().empty()) {
+            refusal = socket.refusal();
+            log({LogLevel::warning,
+                 "turned_away",
+                 {},
+                 "broker " + words.endpoint +
+                     " does not let this one in, will ask again: " + refusal});
+        }
     }
 
     /// One event, what it leads to, and what follows from sends that fail.
@@ -412,9 +422,14 @@ private:
             options_.on_log(line);
     }
 
+    struct Dialled {
+        net::DealerSocket socket;
+        std::string refusal = {}; ///< that was logged
+    };
+
     const net::Context& context_;
     net::RouterSocket router_;
-    std::map<std::string, net::DealerSocket> dialled_; ///< other brokers, by endpoint
+    std::map<std::string, Dialled> dialled_; ///< other brokers, by endpoint
     net::PublisherSocket publisher_;
     std::unique_ptr<Kept> kept_;
     const net::Waker& waker_;

@@ -46,6 +46,37 @@ Roles needed(const ControlJob&) {
 Roles needed(const ControlWorker&) {
     return {Role::admin, Role::broker};
 }
+// What only those have to say that stand for this broker.
+Roles needed(const BrokerHello&) {
+    return {Role::broker};
+}
+Roles needed(const BrokerBeat&) {
+    return {Role::broker};
+}
+Roles needed(const CompareJobs&) {
+    return {Role::broker};
+}
+Roles needed(const JobDigests&) {
+    return {Role::broker};
+}
+Roles needed(const WantJob&) {
+    return {Role::broker};
+}
+Roles needed(const JobRecord&) {
+    return {Role::broker};
+}
+Roles needed(const JobKept&) {
+    return {Role::broker};
+}
+Roles needed(const JobForgotten&) {
+    return {Role::broker};
+}
+Roles needed(const TileDone&) {
+    return {Role::broker};
+}
+Roles needed(const RepairDone&) {
+    return {Role::broker};
+}
 /// Beat, Goodbye, Refused, and what has no place at a broker: that is said to everybody.
 template <class M>
 Roles needed(const M&) {
@@ -78,7 +109,7 @@ std::string alternatives(Roles roles) {
     for (std::size_t i = 0; i + 1 < names.size(); ++i)
         if (roles.has(static_cast<Role>(i)))
             text += (text.empty() ? "" : " or ") + std::string(names[i]);
-    return text;
+    return text.empty() && roles.has(Role::broker) ? std::string(name_of(Role::broker)) : text;
 }
 
 } // namespace fraja::protocol

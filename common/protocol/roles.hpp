@@ -57,7 +57,7 @@ inline constexpr Roles worker_roles{Role::worker, Role::broker};
 [[nodiscard]] std::optional<Role> parse_role(std::string_view name);
 /// Of an allow-list: all but broker, which nobody is given.
 [[nodiscard]] std::vector<std::string_view> role_names();
-/// "submit or admin": those that are given; in their order.
+/// "submit or admin": those that are given; in their order. "broker" where that is the only one.
 [[nodiscard]] std::string alternatives(Roles roles);
 
 /// Who has a key.

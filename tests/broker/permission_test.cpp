@@ -24,7 +24,19 @@ WorkerHello hello(std::uint8_t id, std::uint64_t incarnation = 1) {
     return h;
 }
 
-std::size_t logged(const Farm& farm, const std::string& kind) {
+BrokerHello broker_hello() {
+    BrokerHello h;
+    h.broker = id_of<BrokerId>(5);
+    return h;
+}
+
+TileDone tile_done() {
+    TileDone tile;
+    tile.blobs = {Blob(Bytes(1))};
+    return tile;
+}
+
+std::size_t times_logged(const Farm& farm, const std::string& kind) {
     return static_cast<std::size_t>(std::ranges::count(farm.logs, kind, &LogLine::kind));
 }
 
@@ -50,12 +62,24 @@ TEST_CASE("a key's roles decide what is heard: the table of PROTOCOL.md") {
           Row{WorkerBeat{}, {Role::worker, Role::broker}},
           Row{TileRendered{}, {Role::worker, Role::broker}},
           Row{TileFailed{}, {Role::worker, Role::broker}},
-          Row{NeedChunk{}, {Role::worker, Role::broker}}, Row{ClientHello{"c", "t"}, clients},
-          Row{FindJob{"x"}, clients}, Row{Repair{}, clients},
+          Row{NeedChunk{}, {Role::worker, Role::broker}},
+          Row{ClientHello{"c", "t"}, clients},
+          Row{FindJob{"x"}, clients},
+          Row{Repair{}, clients},
           Row{Farm::picture(1, 1), {Role::submit, Role::broker}},
           Row{Chunk{.blob = {}, .blobs = {Blob(Bytes(1))}}, {Role::submit, Role::broker}},
           Row{ControlJob{}, {Role::submit, Role::admin, Role::broker}},
           Row{ControlWorker{"w", WorkerDeed::kick}, {Role::admin, Role::broker}},
+          Row{broker_hello(), {Role::broker}},
+          Row{BrokerBeat{}, {Role::broker}},
+          Row{CompareJobs{}, {Role::broker}},
+          Row{JobDigests{}, {Role::broker}},
+          Row{WantJob{}, {Role::broker}},
+          Row{JobRecord{}, {Role::broker}},
+          Row{JobKept{}, {Role::broker}},
+          Row{JobForgotten{}, {Role::broker}},
+          Row{tile_done(), {Role::broker}},
+          Row{RepairDone{}, {Role::broker}},
           Row{Beat{}, Roles{Role::worker, Role::submit, Role::watch, Role::admin, Role::broker}},
           Row{Goodbye{},
               Roles{Role::worker, Role::submit, Role::watch, Role::admin, Role::broker}}})
@@ -93,12 +117,29 @@ TEST_CASE("a worker that cancels and a watcher that submits are refused, counted
               "the key of eve lacks the role submit, which SubmitJob needs");
     }
     CHECK(farm.dispatcher.counters().not_allowed == 6);
-    CHECK(logged(farm, "not_allowed") == 2);
+    CHECK(times_logged(farm, "not_allowed") == 2);
     CHECK(farm.dispatcher.job_count() == 1);
     CHECK(!is_over(farm.state(job).phase));
     farm.now = farm.now + 11min; // it goes on: once more
     say(farm, "w", ControlJob{job, JobDeed::cancel, 0}, worker);
-    CHECK(logged(farm, "not_allowed") == 3);
+    CHECK(times_logged(farm, "not_allowed") == 3);
+}
+
+TEST_CASE("nobody but a broker of the farm comes to stand for this one") {
+    Farm farm;
+    const BrokerHello words = broker_hello();
+    for (int i = 0; i < 3; ++i) {
+        say(farm, "w", words, holder("render farm", {Role::worker}));
+        CHECK(is_refused(farm, "w"));
+        CHECK(farm.last<Refused>("w").reason ==
+              "the key of render farm lacks the role broker, which BrokerHello needs");
+    }
+    CHECK(farm.dispatcher.counters().not_allowed == 3);
+    CHECK(times_logged(farm, "not_allowed") == 1);
+    CHECK(farm.dispatcher.membership().peers().empty());
+    say(farm, "b", words, holder("a broker of this farm", {Role::broker}));
+    CHECK(farm.heard<BrokerHello>("b"));
+    CHECK(farm.dispatcher.membership().peers().size() == 1);
 }
 
 TEST_CASE("a key that is taken away ends its sessions at once, and its tiles go to others") {

@@ -1,61 +1,14 @@
 // A farm with keys: who is let in, what each may do, and that no secret shows.
-#include "tests/e2e/farm.hpp"
+#include "tests/e2e/ring.hpp"
 
 #include <csignal>
 #include <fstream>
-#include <map>
 #include <sys/stat.h>
 
 using namespace fraja;
 using namespace fraja::e2e;
 
 namespace {
-
-/// The keys of a farm's people, made as they make them.
-class Ring {
-public:
-    Ring() {
-        farm_ = make("farm", {});
-        for (const char* name : {"worker", "ada", "eve", "stranger"})
-            keys_[name] = make(name, {"--broker-key", farm_});
-    }
-    [[nodiscard]] std::string file(const std::string& name) const {
-        return scratch_.file(name + ".key");
-    }
-    [[nodiscard]] std::string allow_file() const { return scratch_.file("allow"); }
-    [[nodiscard]] std::string scratch(const std::string& name) const { return scratch_.file(name); }
-    void allow(const std::map<std::string, std::string>& roles) const {
-        std::ofstream out(allow_file());
-        for (const auto& [name, role] : roles)
-            out << role << ' ' << keys_.at(name) << ' ' << name << '\n';
-    }
-    [[nodiscard]] Words broker_options() const {
-        return {"--heartbeat", heartbeat_option, "--key-file",
-                file("farm"),  "--allow",        allow_file()};
-    }
-    [[nodiscard]] std::string secret(const std::string& name) const {
-        std::ifstream in(file(name));
-        for (std::string line; std::getline(in, line);)
-            if (line.starts_with("secret = '"))
-                return line.substr(10, 40);
-        FAIL("no secret");
-        return {};
-    }
-
-private:
-    std::string make(const std::string& name, const Words& options) const {
-        const auto made =
-            run({with({program("fraja-ctl"), "keygen", "-o", file(name)}, options)}, patience);
-        REQUIRE(made.has_value());
-        REQUIRE(made->exit == 0);
-        REQUIRE(made->out.size() == 41);
-        return made->out.substr(0, 40);
-    }
-
-    Scratch scratch_;
-    std::string farm_;
-    std::map<std::string, std::string> keys_;
-};
 
 RunResult ask(const Words& words) {
     auto ran = run({words}, patience);

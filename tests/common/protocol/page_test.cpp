@@ -289,7 +289,7 @@ TEST_CASE("the page names the roles that the code asks for") {
         CHECK((row == page.rows.end() ? std::string() : row->second) == needed);
         rows += !needed.empty();
     });
-    CHECK(rows == 12);
+    CHECK(rows == 22);
 }
 
 TEST_CASE("the page says of exactly those messages that carry blobs that they do") {
