@@ -115,7 +115,9 @@ private:
         std::vector<protocol::TileInFlight> in_hand; ///< as it said, whoever gave them
         /// It has not said yet what others have given it, and gets nothing before that.
         std::optional<Instant> tells_by;
-        Holder holder; ///< of the key it came with
+        Holder holder;     ///< of the key it came with
+        WorkerId drawer;   ///< drawer_of
+        std::string voter; ///< voter_of
 
         /// Tiles it may be given in all.
         [[nodiscard]] std::uint32_t room() const {
@@ -227,7 +229,7 @@ private:
     void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
     void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
-    void take_witnessed(const protocol::WorkerHello& worker, const protocol::TileRendered& answer);
+    void take_witnessed(const WorkerSession& worker, const protocol::TileRendered& answer);
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
@@ -263,6 +265,10 @@ private:
 
     // permission.cpp: who may say what
     [[nodiscard]] bool may_say(const PeerSaid& event);
+    /// Of the workers that are here.
+    [[nodiscard]] bool has_keys() const {
+        return !workers_.empty() && workers_.begin()->second.holder;
+    }
     void refuse_role(const PeerId& peer, const protocol::KeyHolder& holder, protocol::Roles needed,
                      const std::string& deed);
     void on(const RolesChanged& event);
@@ -434,6 +440,7 @@ private:
     void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
     void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);
     void void_tiles(Job& job, const protocol::Distrusted& who);
+    void give_no_more(const protocol::Distrusted& who);
     bool take_distrusted(Job& job, const std::vector<protocol::Distrusted>& theirs);
     void recall_distrust(WorkerSession& worker) const;
 

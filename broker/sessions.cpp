@@ -120,6 +120,8 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello,
     WorkerSession& worker = workers_[peer];
     worker.hello = hello;
     worker.holder = holder;
+    worker.drawer = drawer_of(hello.worker, holder);
+    worker.voter = voter_of(worker.drawer, hello.worker_name);
     worker.heard_at = now_;
     worker.credit = 0;
     recall(worker);
@@ -280,7 +282,8 @@ void Dispatcher::remember(WorkerSession session, Blames blamed) {
 /// It lives, so no tile has killed it.
 void Dispatcher::recall(WorkerSession& worker) {
     const auto found = absent_.find(worker.hello.worker);
-    if (found == absent_.end())
+    if (found == absent_.end() ||
+        found->second.session.drawer != worker.drawer) // that id was another key's
         return;
     worker.drained = found->second.session.drained;
     worker.failures = std::move(found->second.session.failures);
