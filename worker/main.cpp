@@ -100,7 +100,7 @@ void describe(CLI::App& app, Arguments& arguments) {
                              "Public key of the broker (of all that --broker names)");
     app.add_option("--allow", options.allow,
                    "With --listen: whose keys may call, as of fraja-broker; those with the role "
-                   "submit")
+                   "submit. Read again at HUP")
         ->type_name("FILE");
     app.add_flag("--insecure", options.insecure,
                  "Listen at addresses that other machines reach, without keys");
@@ -243,6 +243,9 @@ int main(int argc, char** argv) try {
     if (arguments.niceness > getpriority(PRIO_PROCESS, 0) && // whoever started it may know better
         setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
         return fail("--nice: " + std::error_code(errno, std::generic_category()).message());
+    std::optional<net::SignalWatch> hangups;
+    if (!options.allow.empty())
+        hangups.emplace(std::initializer_list<int>{SIGHUP});
     const auto code = worker::Service({.program = program,
                                        .worker = std::move(options),
                                        .keys = *std::move(keys),
@@ -252,7 +255,8 @@ int main(int argc, char** argv) try {
                                        .isa = *isa,
                                        .threads_because = arguments.threads_because,
                                        .warning = arguments.warning,
-                                       .alive_file = arguments.alive_file},
+                                       .alive_file = arguments.alive_file,
+                                       .hangups = hangups ? &*hangups : nullptr},
                                       signals)
                           .run();
     return code ? *code : fail(code.error());

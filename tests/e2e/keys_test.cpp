@@ -159,3 +159,105 @@ TEST_CASE("no secret shows in arguments, logs, errors or core dumps") {
     CHECK(refused.exit == 2);
     CHECK(contains(refused.err, "chmod 600 "));
 }
+
+TEST_CASE("workers that listen are called by whoever may submit, and a list that is read again "
+          "holds for them, too") {
+    const Ring ring;
+    ring.allow({{"ada", "submit"}, {"eve", "watch"}});
+    auto worker = Process::start({with(
+        {program("fraja-worker"), "--listen", "tcp://127.0.0.1:0", "-j", "1", "--name", "one"},
+        ring.farm_options())});
+    REQUIRE(worker.has_value());
+    const auto line = worker->wait_for_words(Process::Stream::out, "listening ", patience);
+    REQUIRE(line.has_value());
+    const std::string endpoint = line->substr(10);
+    const Scratch scratch;
+    const Words picture = {scene("cone"), "-r", "40x30"};
+    const std::string want = local_picture(scratch, picture);
+    const auto draw = [&](const Words& keys, const char* timeout) {
+        return submit(with(with(picture, {"--direct", endpoint, "--connect-timeout", timeout, "-o",
+                                          scratch.file("direct.png")}),
+                           keys));
+    };
+    const auto as = [&](const char* name) { return Words{"--key-file", ring.file(name)}; };
+    const auto reread = [&](const char* words) {
+        worker->send(SIGHUP);
+        INFO(worker->story());
+        REQUIRE(worker->wait_for_words(Process::Stream::err, words, patience));
+    };
+    for (const Words& nobody : {Words{}, as("eve"), as("stranger")})
+        CHECK(draw(nobody, "2s").exit == 3);
+    const RunResult drawn = draw(as("ada"), "60s");
+    INFO(drawn.err);
+    REQUIRE(drawn.exit == 0);
+    CHECK((bytes_of(scratch.file("direct.png")) == want));
+
+    std::ofstream(ring.allow_file()) << "nonsense\n";
+    reread("stay as they were: ");
+    ring.allow({{"eve", "submit"}});
+    reread("knows 1 key of");
+    CHECK(draw(as("ada"), "2s").exit == 3);
+    CHECK(draw(as("eve"), "60s").exit == 0);
+    worker->send(SIGTERM);
+    CHECK(worker->wait_for_exit(patience) == 0);
+}
+
+TEST_CASE("a caller that loses the right in the middle of a job is heard no more") {
+    const Ring ring;
+    ring.allow({{"ada", "submit"}, {"eve", "submit"}});
+    auto worker = Process::start({with(
+        {program("fraja-worker"), "--listen", "tcp://127.0.0.1:0", "-j", "1", "--name", "one"},
+        ring.farm_options())});
+    REQUIRE(worker.has_value());
+    const auto line = worker->wait_for_words(Process::Stream::out, "listening ", patience);
+    REQUIRE(line.has_value());
+    const Scratch scratch;
+    const Words direct = {"--direct", line->substr(10), "--key-file"};
+    auto endless = Process::start(
+        {with({program("fraja-submit"), scene("overlapping_spheres"), "-r", "640x480", "-a", "16",
+               "--tile", "4", "-o", scratch.file("endless.png")},
+              with(direct, {ring.file("ada")}))});
+    REQUIRE(endless.has_value());
+    REQUIRE(worker->wait_for_words(Process::Stream::err, "connected: ", patience));
+    ring.allow({{"eve", "submit"}});
+    worker->send(SIGHUP);
+    INFO(worker->story());
+    REQUIRE(worker->wait_for_words(Process::Stream::err, "the caller is gone", patience));
+    CHECK(submit(with({scene("cone"), "-r", "8x6", "-o", scratch.file("next.png")},
+                      with(direct, {ring.file("eve")})))
+              .exit == 0);
+    endless->send(SIGKILL);
+    CHECK(endless->wait_for_exit(patience) == -SIGKILL);
+}
+
+TEST_CASE("a tree of brokers with keys: a branch has a key of its own, or the farm's") {
+    const Ring ring;
+    ring.allow({{"branch", "worker"}, {"worker", "worker"}, {"ada", "submit"}});
+    ring.allow({{"worker", "worker"}}, "allow-below");
+    Farm root(ring.broker_options());
+    const Words below = {"--heartbeat", heartbeat_option, "--upstream", root.endpoint()};
+    Farm own(
+        with(below, {"--key-file", ring.file("branch"), "--allow", ring.scratch("allow-below")}));
+    Farm same(with(below, ring.farm_options()));
+    Farm unknown(
+        with(below, {"--key-file", ring.file("eve"), "--allow", ring.scratch("allow-below")}));
+    for (const auto& [farm, key] :
+         {std::pair(&own, "branch"), std::pair(&same, "farm"), std::pair(&unknown, "eve")})
+        farm->add_worker(
+            "leaf", {"-j", "1", "--key-file", ring.file("worker"), "--broker-key", ring.key(key)});
+    for (Farm* farm : {&own, &same})
+        REQUIRE(root.broker().wait_for_words(
+            Process::Stream::err, ":" + std::to_string(farm->broker().pid()) + " is here",
+            patience));
+    REQUIRE(unknown.broker().wait_for_words(Process::Stream::err,
+                                            "the broker does not let this worker in", patience));
+    const Scratch scratch;
+    const Words picture = long_picture();
+    const RunResult drawn = root.submit(
+        with(picture, {"--key-file", ring.file("ada"), "-o", scratch.file("tree.png")}));
+    INFO(drawn.err);
+    REQUIRE(drawn.exit == 0);
+    CHECK((bytes_of(scratch.file("tree.png")) == local_picture(scratch, picture)));
+    CHECK(
+        !contains(root.broker().err(), ":" + std::to_string(unknown.broker().pid()) + " is here"));
+}
