@@ -15,8 +15,8 @@ constexpr std::ptrdiff_t answers_of_one_max = 2;
 using Check = Checks::Check;
 using Answer = Checks::Answer;
 
-std::ptrdiff_t answers_of(const Check& check, const std::string& name) {
-    return std::ranges::count(check.answers, name, &Answer::worker_name);
+std::ptrdiff_t answers_of(const Check& check, const std::string& voter) {
+    return std::ranges::count(check.answers, voter, &Answer::voter);
 }
 
 bool contradicts_itself(const Check& check, const WorkerId& worker) {
@@ -27,11 +27,11 @@ bool contradicts_itself(const Check& check, const WorkerId& worker) {
 }
 
 std::set<std::string> who_says(const Check& check, const ContentHash& pixels) {
-    std::set<std::string> names;
+    std::set<std::string> voters;
     for (const Answer& answer : check.answers)
         if (answer.pixels == pixels && !contradicts_itself(check, answer.worker))
-            names.insert(answer.worker_name);
-    return names;
+            voters.insert(answer.voter);
+    return voters;
 }
 
 /// Who contradicts itself, and who is alone against two who agree.
@@ -56,12 +56,12 @@ bool Checks::Check::agrees() const {
         answers, [this](const Answer& answer) { return answer.pixels == answers.front().pixels; });
 }
 
-bool Checks::Check::is_new_to(const WorkerId& worker, const std::string& name) const {
-    return answers_of(*this, name) == 0 && std::ranges::find(failed_on, worker) == failed_on.end();
+bool Checks::Check::is_new_to(const WorkerId& worker, const std::string& voter) const {
+    return answers_of(*this, voter) == 0 && std::ranges::find(failed_on, worker) == failed_on.end();
 }
 
 std::set<CheckId>& Checks::queue_of(const Check& check) {
-    return check.agrees() ? pending_[check.answers.front().worker_name] : contested_;
+    return check.agrees() ? pending_[check.answers.front().voter] : contested_;
 }
 
 void Checks::enter(CheckId id) {
@@ -71,7 +71,7 @@ void Checks::enter(CheckId id) {
 void Checks::leave(CheckId id) {
     const Check& check = open_.at(id);
     FRAJA_ASSERT(queue_of(check).erase(id) == 1);
-    if (const auto queue = pending_.find(check.answers.front().worker_name);
+    if (const auto queue = pending_.find(check.answers.front().voter);
         queue != pending_.end() && queue->second.empty())
         pending_.erase(queue);
 }
@@ -93,24 +93,24 @@ const Checks::Check* Checks::contested() const {
     return found == open_.end() ? nullptr : &found->second;
 }
 
-bool Checks::may_answer(const Check& check, const WorkerId& worker, const std::string& name,
+bool Checks::may_answer(const Check& check, const WorkerId& worker, const std::string& voter,
                         const HasOthers& has_others) {
-    if (check.is_new_to(worker, name))
+    if (check.is_new_to(worker, voter))
         return true;
-    return !check.agrees() && answers_of(check, name) < answers_of_one_max &&
+    return !check.agrees() && answers_of(check, voter) < answers_of_one_max &&
            std::ranges::find(check.failed_on, worker) == check.failed_on.end() &&
            !has_others(check);
 }
 
-std::optional<CheckId> Checks::next_for(const WorkerId& worker, const std::string& name,
+std::optional<CheckId> Checks::next_for(const WorkerId& worker, const std::string& voter,
                                         const HasOthers& has_others) const {
     const auto fits = [&](CheckId id) {
-        return may_answer(open_.at(id), worker, name, has_others);
+        return may_answer(open_.at(id), worker, voter, has_others);
     };
     if (const auto at = std::ranges::find_if(contested_, fits); at != contested_.end())
         return *at;
     for (const auto& [first, checks] : pending_)
-        if (first != name)
+        if (first != voter)
             if (const auto at = std::ranges::find_if(checks, fits); at != checks.end())
                 return *at;
     return std::nullopt;

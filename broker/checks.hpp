@@ -2,6 +2,7 @@
 // found. The same tile has the same bits, whoever draws it.
 #pragma once
 
+#include "broker/drawer.hpp"
 #include "broker/events.hpp"
 #include "common/base/ids.hpp"
 #include "common/protocol/cells.hpp"
@@ -33,23 +34,24 @@ struct Assignment {
 /// Names an open check within its job.
 enum class CheckId : std::uint64_t { none = 0 };
 
-/// Workers of one name are one: a process that was started anew agrees with itself.
+/// All who have one voice are one (voter_of).
 class Checks {
 public:
     struct Answer {
-        WorkerId worker;
+        WorkerId worker; ///< drawer_of
         std::string worker_name;
         ContentHash pixels;
+        std::string voter = voter_of(worker, worker_name);
     };
     struct Check {
         Tile tile;
         std::vector<Answer> answers{}; ///< the first one's pixels are the picture's
         std::optional<Assignment> assignment{};
-        std::vector<WorkerId> failed_on{}; ///< who could not draw it
+        std::vector<WorkerId> failed_on{}; ///< who could not draw it, by its own id
         /// All the same, so far.
         [[nodiscard]] bool agrees() const;
-        /// That worker may draw it: it has not said anything of it yet.
-        [[nodiscard]] bool is_new_to(const WorkerId& worker, const std::string& name) const;
+        /// That worker may draw it: `voter` has not said anything of it yet.
+        [[nodiscard]] bool is_new_to(const WorkerId& worker, const std::string& voter) const;
     };
     /// Whether anybody is there to whom it is new.
     using HasOthers = std::function<bool(const Check&)>;
@@ -69,7 +71,7 @@ public:
 
     /// One that this worker may be given. Not its own tiles; but where workers disagree and there
     /// is nobody else, once more: who then contradicts itself is wrong.
-    [[nodiscard]] std::optional<CheckId> next_for(const WorkerId& worker, const std::string& name,
+    [[nodiscard]] std::optional<CheckId> next_for(const WorkerId& worker, const std::string& voter,
                                                   const HasOthers& has_others) const;
     void assign(CheckId id, Assignment assignment);
     /// It is pending again. `failed_on`: but not for that worker.
@@ -92,7 +94,7 @@ public:
 
 private:
     [[nodiscard]] static bool may_answer(const Check& check, const WorkerId& worker,
-                                         const std::string& name, const HasOthers& has_others);
+                                         const std::string& voter, const HasOthers& has_others);
     [[nodiscard]] std::set<CheckId>& queue_of(const Check& check);
     void enter(CheckId id);
     void leave(CheckId id);
@@ -100,7 +102,7 @@ private:
 
     std::map<CheckId, Check> open_;
     // Those that are not assigned. There may be one for each tile: nothing looks at all of them.
-    std::map<std::string, std::set<CheckId>> pending_; ///< by who has drawn it first
+    std::map<std::string, std::set<CheckId>> pending_; ///< by who has drawn it first, a voter
     std::set<CheckId> contested_;                      ///< these go first
     std::uint64_t count_ = 0;                          ///< that were ever open
     protocol::CheckCounts counts_;

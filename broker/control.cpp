@@ -326,6 +326,7 @@ void Dispatcher::give_no_more(const PeerId& peer, WorkerSession& worker, const s
          .kind = "worker_distrusted",
          .subject = worker.hello.worker_name,
          .text = "worker " + worker.hello.worker_name + " " + to_string(worker.hello.worker) +
+                 (worker.holder ? ", which has the key of " + worker.holder->name + "," : "") +
                  " answers wrong pixels (" + why +
                  "): it gets no tiles until somebody takes it back (fraja-ctl undrain)"});
     std::vector<GrantKey> keys;

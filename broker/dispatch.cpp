@@ -191,7 +191,7 @@ bool Dispatcher::has_others(const Job& job, std::span<const WorkerId> failed_on)
     return std::ranges::any_of(workers_, [&](const auto& entry) {
         const WorkerSession& worker = entry.second;
         return worker.room() > 0 && has_tags(worker, job.submission().wishes) &&
-               !job.distrusts(worker.hello.worker) &&
+               !job.distrusts(worker.drawer) &&
                std::ranges::find(failed_on, worker.hello.worker) == failed_on.end();
     });
 }
@@ -220,7 +220,7 @@ bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
 }
 
 bool Dispatcher::grant(const PeerId& peer, WorkerSession& worker, Job& job) {
-    return !job.distrusts(worker.hello.worker) &&
+    return !job.distrusts(worker.drawer) &&
            (grant_probe(peer, worker, job) || grant_check(peer, worker, job) ||
             grant_tile(peer, worker, job));
 }

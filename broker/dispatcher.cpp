@@ -9,6 +9,7 @@ namespace fraja::broker {
 
 Dispatcher::Dispatcher(Identity identity, Limits limits)
     : identity_(std::move(identity)), limits_(limits),
+      refusals_told_(limits.refusal_told_interval, limits.refusals_told_max),
       membership_(
           {identity_.unix_offset + (identity_.started_at - Instant{}), identity_.broker},
           {.patience = from_seconds(limits.peer_patience_beats * seconds(limits.heartbeat)),

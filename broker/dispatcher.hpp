@@ -13,6 +13,7 @@
 #include "broker/speed.hpp"
 #include "common/base/ids.hpp"
 #include "common/base/instant.hpp"
+#include "common/base/once.hpp"
 #include "common/protocol/messages.hpp"
 
 #include <compare>
@@ -121,6 +122,9 @@ private:
         /// What others have given it, since it was greeted or this broker leads.
         bool has_told = false;
         std::optional<Instant> tells_by; ///< it gets nothing before that, or before it has told
+        Holder holder;                   ///< of the key it came with
+        WorkerId drawer;                 ///< drawer_of
+        std::string voter;               ///< voter_of
 
         /// Tiles that it has to draw, or will have when they have come.
         [[nodiscard]] std::size_t held() const { return grants.size() + of_others; }
@@ -132,6 +136,7 @@ private:
     struct ClientSession {
         std::string name;
         Instant heard_at;
+        Holder holder;
     };
     using Workers = std::map<PeerId, WorkerSession>;
     /// A job as well, until it is over. Its scene is kept as long as a worker may ask for it.
@@ -235,15 +240,17 @@ private:
     void count_those_of_others(const PeerId& peer, WorkerSession& worker);
     void await_telling(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
-    void take_witnessed(const protocol::WorkerHello& worker, const protocol::TileRendered& answer);
+    void take_witnessed(const WorkerSession& worker, const protocol::TileRendered& answer);
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
     void on(const PeerSpokeRubbish& event);
     void on(const PeerUnreachable& event);
     [[nodiscard]] protocol::Welcome welcome(std::uint64_t incarnation) const;
-    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello);
-    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello);
+    void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello,
+                        const Holder& holder);
+    void welcome_client(const PeerId& peer, const protocol::ClientHello& hello,
+                        const Holder& holder);
     void from_worker(const PeerId& peer, WorkerSession& worker, const protocol::Message& message);
     void from_client(const PeerId& peer, const protocol::Message& message);
     void beat(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
@@ -255,7 +262,7 @@ private:
         WorkerSession session; ///< as it ended
         Blames blamed;
     };
-    enum class Departure { said_goodbye, lost, replaced };
+    enum class Departure { said_goodbye, lost, replaced, dismissed };
     void end_worker(Workers::iterator worker, Departure departure, const std::string& why);
     void remember(WorkerSession session, Blames blamed);
     void recall(WorkerSession& worker);
@@ -266,6 +273,16 @@ private:
     void refuse(const PeerId& peer, protocol::RefusalCode code, const std::string& reason,
                 JobId job = {});
     void turn_away(const PeerId& peer, protocol::RefusalCode code, const std::string& reason);
+
+    // permission.cpp: who may say what
+    [[nodiscard]] bool may_say(const PeerSaid& event);
+    /// Of the workers that are here.
+    [[nodiscard]] bool has_keys() const {
+        return !workers_.empty() && workers_.begin()->second.holder;
+    }
+    void refuse_role(const PeerId& peer, const protocol::KeyHolder& holder, protocol::Roles needed,
+                     const std::string& deed);
+    void on(const RolesChanged& event);
 
     // jobs.cpp: what is to be done
     void submit(const PeerId& peer, const protocol::SubmitJob& submission);
@@ -444,6 +461,7 @@ private:
     void heed_new_term();
     [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from) const;
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
+    void give_no_more(const protocol::Distrusted& who);
     void recall_distrust(WorkerSession& worker) const;
 
     // keeping.cpp: what is kept
@@ -505,6 +523,7 @@ private:
     Identity identity_;
     Limits limits_;
     Counters counters_;
+    Once refusals_told_;
 
     Membership membership_;
     std::map<std::string, Line> lines_;   ///< by endpoint

@@ -7,6 +7,7 @@
 #include "common/base/log_line.hpp"
 #include "common/base/result.hpp"
 #include "common/protocol/messages.hpp"
+#include "common/protocol/roles.hpp"
 
 #include <cstdint>
 #include <map>
@@ -34,9 +35,17 @@ struct Order {
 
 // ------------------------------------------------------------------------------------------ events
 
+/// Null: there are no keys, and everybody may do all.
+using Holder = std::shared_ptr<const protocol::KeyHolder>;
+
 struct PeerSaid {
     PeerId peer;
     protocol::Message message;
+    Holder holder = {}; ///< whose key it came with, as it is now
+};
+/// From now on these keys are known.
+struct RolesChanged {
+    std::map<std::string, protocol::Roles> roles; ///< by key
 };
 /// Bytes came that are no message (malformed_frame), or one of another version (version_mismatch).
 struct PeerSpokeRubbish {
@@ -89,7 +98,7 @@ struct OrderWithdrawn {
 
 using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, BrokerSaid, TopicSubscribed,
                            TopicUnsubscribed, Tick, Restored, Stored, StoreFails, StoreWorks,
-                           SceneLoaded, Ordered, OrderWithdrawn>;
+                           SceneLoaded, Ordered, OrderWithdrawn, RolesChanged>;
 
 // ----------------------------------------------------------------------------------------- actions
 

@@ -18,6 +18,7 @@ struct Counters {
     std::uint64_t unexpected = 0;    ///< messages that had no place in their session
     std::uint64_t stale_answers = 0; ///< answers for tiles that nobody waits for
     std::uint64_t peers_refused = 0; ///< workers and clients whose hello was
+    std::uint64_t not_allowed = 0;   ///< messages whose sender's key lacks the role for them
     std::uint64_t workers_lost = 0;
     std::uint64_t workers_quarantined = 0;
     std::uint64_t tiles_failed = 0; ///< failures that count against their tile

@@ -236,7 +236,7 @@ public:
     void want_check(const Tile& tile, Checks::Answer first);
     /// Takes one of the checks for that worker and assigns it.
     [[nodiscard]] std::optional<std::pair<CheckId, Tile>>
-    assign_check(const WorkerId& worker, const std::string& name, const Assignment& assignment,
+    assign_check(const WorkerId& worker, const std::string& voter, const Assignment& assignment,
                  const Checks::HasOthers& has_others);
     [[nodiscard]] bool check_assigned_as(CheckId id, AttemptNumber attempt) const;
     /// One that is assigned is pending again.

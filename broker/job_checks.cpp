@@ -31,10 +31,10 @@ void Job::want_check(const Tile& tile, Checks::Answer first) {
 }
 
 std::optional<std::pair<CheckId, Tile>> Job::assign_check(const WorkerId& worker,
-                                                          const std::string& name,
+                                                          const std::string& voter,
                                                           const Assignment& assignment,
                                                           const Checks::HasOthers& has_others) {
-    const auto id = checks_.next_for(worker, name, has_others);
+    const auto id = checks_.next_for(worker, voter, has_others);
     if (!id)
         return std::nullopt;
     checks_.assign(*id, assignment);

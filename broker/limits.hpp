@@ -26,8 +26,8 @@ struct Limits {
     std::uint64_t stored_bytes_max = std::uint64_t{8}
                                      << 30; ///< pixels, done and promised, of all jobs kept
     /// Of these, of the jobs of one client that are not over, so that one that asks for very much
-    /// leaves room for others. A client is a connection here: who says that it is the same person
-    /// again is believed by nobody, as there are no keys. Jobs whose client has left, as after
+    /// leaves room for others. A client is a connection here: one key is often many people's, or
+    /// programs', and without keys nobody is known. Jobs whose client has left, as after
     /// --detach, and those from before a restart count in the sum of all alone.
     std::uint64_t client_bytes_max = std::uint64_t{6} << 30;
     std::uint64_t blob_bytes_max = std::uint64_t{4} << 30; ///< scenes, arrived and announced
@@ -48,6 +48,10 @@ struct Limits {
     std::size_t farm_distrusted_max = 1;     ///< of a job in a FarmState: the first of them
     std::size_t farm_distrust_bytes_max = 100; ///< of a worker in a FarmState: of why
     std::size_t farm_reason_bytes_max = 500;   ///< of a job in a FarmState, which is one frame
+    // Of refusals for want of a role, each of a key's deeds is logged once in a while, and no more
+    // than so many then.
+    Duration refusal_told_interval = std::chrono::minutes(10);
+    std::size_t refusals_told_max = 1'000;
 
     // A worker that failed so many tiles within the window gets none for as long.
     std::uint32_t quarantine_failures = 3;

@@ -14,6 +14,7 @@
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
+#include "common/service/key_options.hpp"
 #include "common/service/logger.hpp"
 #include "common/service/notifier.hpp"
 #include "worker/options.hpp"
@@ -40,6 +41,8 @@ constexpr const char* examples = R"(Examples:
   fraja-broker                                   a broker for this machine
   fraja-broker --bind tcp://127.0.0.1:0 --publish tcp://127.0.0.1:0
                                                  on ports the system chooses; they are printed
+  fraja-broker --bind 'tcp://*:50057' --publish 'tcp://*:50058' --key-file broker.key --allow allow
+                                                 for all who have a key in the file allow
   fraja-broker --bind 'tcp://*:50057' --publish 'tcp://*:50058' --insecure
                                                  for a network you trust
   fraja-broker --bind tcp://127.0.0.1:50067 --publish tcp://127.0.0.1:50068 --upstream tcp://root:50057
@@ -55,6 +58,7 @@ struct Arguments {
     std::optional<http::Address> http_address; ///< that is
     std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m";
     service::LogOptions log;
+    service::KeyOptions keys;
     bool check = false;
 };
 
@@ -234,6 +238,15 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->envname("FRAJA_STATE")
         ->default_str("$XDG_STATE_HOME/fraja")
         ->type_name("DIR");
+    service::add_key_options(app, arguments.keys,
+                             "Public key of the broker that --upstream names; without it, the own "
+                             "one, as of a broker of the same farm");
+    app.add_option(
+           "--allow", options.allow,
+           "Whose keys may do what, a line each: worker, submit, watch or admin (several as "
+           "submit,admin), the public key, a name; read again at HUP")
+        ->envname("FRAJA_ALLOW")
+        ->type_name("FILE");
     app.add_flag("--insecure", options.insecure,
                  "Serve addresses that other machines reach, without keys");
     app.add_option(
@@ -265,7 +278,7 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->type_name("N/TIME");
     app.add_option("--peer", options.peers,
                    "Another broker that stands for this one, and this one for it: jobs go on as "
-                   "long as one of them is there; repeatable")
+                   "long as one of them is there; with keys it has the same one; repeatable")
         ->envname("FRAJA_PEER")
         ->allow_extra_args(false)
         ->delimiter(',')
@@ -322,6 +335,11 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
         return mistake(read.error().message);
     if (const auto read = complete_upstream(options); !read)
         return mistake(read.error().message);
+    if (!options.allow.empty() && arguments.keys.file.empty())
+        return mistake("--allow is of no use without a key of the farm's own: --key-file FILE, as "
+                       "fraja-ctl keygen makes it");
+    if (!arguments.keys.file.empty() && options.allow.empty() && options.upstream.broker.empty())
+        return mistake("--key-file: who else may come in? --allow FILE says it");
     if (!arguments.http.empty()) {
         const auto address = broker::status_address(arguments.http, options.insecure);
         if (!address)
@@ -333,6 +351,21 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
     if (arguments.state != "none")
         options.state = arguments.state;
     return std::nullopt;
+}
+
+/// Brokers that stand for each other are one to their peers, so they have one key.
+Result<std::optional<net::Keys>> read_keys(const Arguments& arguments) {
+    auto keys = service::read_keys(arguments.keys, true);
+    if (!keys || !*keys || !arguments.options.upstream.broker.empty())
+        return keys;
+    if (!arguments.options.peers.empty() && (*keys)->broker != (*keys)->own.public_key)
+        return Error{ErrorCode::invalid_argument,
+                     "--peer: brokers that stand for each other have one key, that of --key-file; "
+                     "here " +
+                         std::string(arguments.keys.broker.empty() ? "that file" : "--broker-key") +
+                         " names another one as the broker's"};
+    (*keys)->broker = (*keys)->own.public_key; // others may come to stand for this one
+    return keys;
 }
 
 /// As `systemctl status` shows it.
@@ -393,12 +426,15 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
         logger.set_level(anew.log.least());
         tell(
             "read its options again: --lease, --max-attempts, --quarantine, --keep and --log-level "
-            "hold from now on, others from the next start");
+            "hold from now on, others from the next start (what is in the --allow file, at once)");
         return anew.options.limits;
     };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
 
-    const net::Context context;
+    auto keys = read_keys(arguments);
+    if (!keys)
+        return fail(keys.error().message);
+    const net::Context context(*std::move(keys));
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);
     if (!ran)
@@ -415,7 +451,13 @@ int main(int argc, char** argv) {
     Arguments arguments;
     if (const auto early = read_arguments(words, arguments))
         return cli::leave(*early);
-    if (arguments.check)
+    if (arguments.check) {
+        if (const auto keys = read_keys(arguments); !keys)
+            return fail(keys.error().message);
+        if (const auto& allow = arguments.options.allow; !allow.empty())
+            if (const auto list = net::AllowList::read(allow); !list)
+                return fail("--allow: " + list.error().message);
         return check_state(arguments.state);
+    }
     return run(arguments, words, signals);
 }

@@ -153,9 +153,15 @@ void add_peers(Families& all, const Report& r) {
     all.gauge("jobs_watched", "Jobs whose stream has a subscriber.", r.figures.jobs_watched);
     all.counter("peers_refused_total", "Hellos of workers and clients that were refused.",
                 c.peers_refused);
-    all.counters(
-        "messages_refused_total", "Messages that were refused, by why.", "reason",
-        {{"malformed", c.rubbish}, {"version", c.wrong_version}, {"unexpected", c.unexpected}});
+    all.counters("messages_refused_total", "Messages that were refused, by why.", "reason",
+                 {{"malformed", c.rubbish},
+                  {"version", c.wrong_version},
+                  {"unexpected", c.unexpected},
+                  {"not_allowed", c.not_allowed}});
+    all.counter("keys_refused_total", "Handshakes that were refused over their key.",
+                r.keys_refused);
+    all.counter("keys_missing_total", "Handshakes that ended before a key was shown.",
+                r.keys_missing);
     all.counter("received_bytes_total", "Messages from workers and clients.", r.received_bytes);
     all.counter("sent_bytes_total", "Messages to workers and clients.", r.sent_bytes);
     all.counter("published_bytes_total", "Messages of the stream, once for all subscribers.",

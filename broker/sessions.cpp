@@ -52,10 +52,12 @@ void Dispatcher::on(const PeerUnreachable& event) {
 
 void Dispatcher::on(const PeerSaid& event) {
     const PeerId& peer = event.peer;
+    if (!may_say(event))
+        return;
     if (const auto* hello = std::get_if<WorkerHello>(&event.message))
-        return welcome_worker(peer, *hello);
+        return welcome_worker(peer, *hello, event.holder);
     if (const auto* hello = std::get_if<ClientHello>(&event.message))
-        return welcome_client(peer, *hello);
+        return welcome_client(peer, *hello, event.holder);
     if (const auto* hello = std::get_if<BrokerHello>(&event.message))
         return meet_broker(peer, *hello);
     if (const auto broker = brokers_by_peer_.find(peer); broker != brokers_by_peer_.end())
@@ -89,7 +91,8 @@ Welcome Dispatcher::welcome(std::uint64_t incarnation) const {
             .brokers = members()};
 }
 
-void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
+void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello,
+                                const Holder& holder) {
     const auto too_long = [](const std::string& name) { return name.size() > name_bytes_max; };
     if (hello.threads == 0 || hello.credit > credit_max || too_long(hello.worker_name) ||
         !(hello.speed_rays_per_s <= speed_rays_per_s_max) || hello.tags.size() > tags_max ||
@@ -98,6 +101,9 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
                          "a WorkerHello beyond the limits of the protocol");
     if (const auto known = peer_of_worker_.find(hello.worker); known != peer_of_worker_.end()) {
         const auto old = workers_.find(known->second);
+        if (const Holder& its = old->second.holder; its && holder && its->key != holder->key)
+            return turn_away(peer, RefusalCode::conflict,
+                             "a worker of this id is here with another key");
         if (known->second == peer && hello.incarnation == old->second.hello.incarnation)
             return; // the same hello has come twice
         if (hello.incarnation < old->second.hello.incarnation)
@@ -113,6 +119,9 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
                          "this broker takes " + counted(limits_.workers_max, "worker"));
     WorkerSession& worker = workers_[peer];
     worker.hello = hello;
+    worker.holder = holder;
+    worker.drawer = drawer_of(hello.worker, holder);
+    worker.voter = voter_of(worker.drawer, hello.worker_name);
     worker.heard_at = now_;
     worker.credit = 0;
     recall(worker);
@@ -137,7 +146,8 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello) {
 }
 
 /// One that does not know yet what the others have lets its clients go to these.
-void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
+void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello,
+                                const Holder& holder) {
     if (!membership_.is_synced())
         return;
     if (const auto worker = workers_.find(peer); worker != workers_.end())
@@ -145,7 +155,7 @@ void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello) {
     if (!clients_.contains(peer) && clients_.size() >= limits_.clients_max)
         return turn_away(peer, RefusalCode::limit_exceeded,
                          "this broker takes " + std::to_string(limits_.clients_max) + " clients");
-    clients_[peer] = ClientSession{hello.client_name, now_};
+    clients_[peer] = ClientSession{hello.client_name, now_, holder};
     send(peer, welcome(0));
 }
 
@@ -273,7 +283,8 @@ void Dispatcher::remember(WorkerSession session, Blames blamed) {
 /// It lives, so no tile has killed it.
 void Dispatcher::recall(WorkerSession& worker) {
     const auto found = absent_.find(worker.hello.worker);
-    if (found == absent_.end())
+    if (found == absent_.end() ||
+        found->second.session.drawer != worker.drawer) // that id was another key's
         return;
     worker.drained = found->second.session.drained;
     worker.failures = std::move(found->second.session.failures);

@@ -4,6 +4,7 @@
 #include "broker/restore.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
+#include "common/base/once.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -24,6 +25,7 @@ namespace fraja::broker {
 namespace {
 
 constexpr int messages_per_turn_max = 1'000; // then the clock is looked at again
+constexpr Duration keyless_told_interval = std::chrono::minutes(10);
 
 Duration since_1970() {
     return std::chrono::system_clock::now().time_since_epoch();
@@ -122,8 +124,8 @@ public:
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
-            for (const auto& [endpoint, socket] : dialled_)
-                waitables.emplace_back(socket);
+            for (const auto& [endpoint, broker] : dialled_)
+                waitables.emplace_back(broker.socket);
             Instant deadline = std::min(dispatcher_.next_deadline(), next_report_);
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
@@ -154,6 +156,7 @@ private:
             return;
         next_report_ = now + report_interval;
         report_.at = now;
+        tell_of_strangers();
         report_.epoch = epoch_;
         dispatcher_.set_unix_offset(since_1970() - (now - Instant{}));
         report_.figures = dispatcher_.figures();
@@ -196,11 +199,57 @@ private:
                 if (const auto limits =
                         options_.on_hangup ? options_.on_hangup() : std::optional<Limits>())
                     dispatcher_.change_limits(*limits);
+                read_allow_list_again();
             } else if (*signal == SIGUSR1) {
                 for (const std::string& line : dispatcher_.describe(net::now()))
                     log({LogLevel::info, {}, {}, line});
             }
         }
+    }
+
+    /// A list that cannot be used changes nothing. The stream's subscribers are known to libzmq
+    /// alone: so where one may not follow any more all are cut off, and the others come back.
+    void read_allow_list_again() {
+        if (options_.allow.empty())
+            return;
+        const auto before = context_.admitted();
+        auto list = net::AllowList::read(options_.allow);
+        const auto taken = list ? context_.admit(*std::move(list)) : Result<void>(list.error());
+        if (!taken) {
+            log({LogLevel::error,
+                 "allow_list_refused",
+                 {},
+                 "the keys that are known stay as they were: " + taken.error().message});
+            return;
+        }
+        const auto now = context_.admitted();
+        log({LogLevel::info,
+             "allow_list_read",
+             {},
+             "knows " + counted(now->size() - 1, "key") + " of " + options_.allow.string()});
+        step(RolesChanged{now->roles()});
+        if (before->followers_lost_in(*now))
+            publisher_.cut_off_all();
+    }
+
+    void tell_of_strangers() {
+        report_.keys_refused = context_.refused_count();
+        for (const net::Stranger& s : context_.take_strangers())
+            log({LogLevel::warning,
+                 "key_refused",
+                 {},
+                 "refused the key " + (s.key.empty() ? "(none)" : s.key) + " from " + s.address +
+                     ": " + s.why});
+        const std::uint64_t missing = context_.keyless_count() - report_.keys_missing;
+        report_.keys_missing += missing;
+        keyless_untold_ += missing;
+        if (keyless_untold_ > 0 && keyless_told_.is_new(report_.at, {}))
+            log({LogLevel::warning,
+                 "key_missing",
+                 {},
+                 counted(std::exchange(keyless_untold_, 0), "connection") +
+                     " ended before a key was shown: who has none (--key-file), or takes this for "
+                     "another farm, is not let in"});
     }
 
     /// Of those that are not over.
@@ -239,7 +288,8 @@ private:
         report_.received_bytes += byte_count(received->frames);
         auto message = protocol::decode(received->frames);
         if (message)
-            step(PeerSaid{std::move(received->peer), std::move(*message)});
+            step(PeerSaid{std::move(received->peer), std::move(*message),
+                          std::move(received->holder)});
         else
             step(PeerSpokeRubbish{std::move(received->peer), message.error()});
         return true;
@@ -248,7 +298,7 @@ private:
     /// Those that were dialled.
     void hear_brokers() {
         std::vector<std::string> endpoints; // what they say may change who is dialled
-        for (const auto& [endpoint, socket] : dialled_)
+        for (const auto& [endpoint, broker] : dialled_)
             endpoints.push_back(endpoint);
         for (const std::string& endpoint : endpoints)
             for (int i = 0; i < messages_per_turn_max && hear_broker(endpoint); ++i) {
@@ -257,7 +307,7 @@ private:
 
     bool hear_broker(const std::string& endpoint) {
         const auto found = dialled_.find(endpoint);
-        auto frames = found == dialled_.end() ? std::nullopt : found->second.receive();
+        auto frames = found == dialled_.end() ? std::nullopt : found->second.socket.receive();
         if (!frames)
             return false;
         report_.received_bytes += byte_count(*frames);
@@ -276,7 +326,7 @@ private:
             return;
         auto socket = net::DealerSocket::connect(context_, endpoint);
         if (socket)
-            dialled_.emplace(endpoint, std::move(*socket));
+            dialled_.emplace(endpoint, Dialled{std::move(*socket)});
         else
             log({LogLevel::error,
                  "broker_undialled",
@@ -288,9 +338,19 @@ private:
         const auto found = dialled_.find(words.endpoint);
         if (found == dialled_.end())
             return;
+        auto& [socket, refusal] = found->second;
         const protocol::Packet packet = protocol::encode(words.message);
-        if (found->second.send(packet) == net::SendStatus::sent)
+        if (socket.send(packet) == net::SendStatus::sent) {
             report_.sent_bytes += packet_bytes(packet);
+            refusal.clear();
+        } else if (socket.refusal() != refusal && !socket.refusal().empty()) {
+            refusal = socket.refusal();
+            log({LogLevel::warning,
+                 "turned_away",
+                 {},
+                 "broker " + words.endpoint +
+                     " does not let this one in, will ask again: " + refusal});
+        }
     }
 
     /// One event, what it leads to, and what follows from sends that fail.
@@ -362,9 +422,14 @@ private:
             options_.on_log(line);
     }
 
+    struct Dialled {
+        net::DealerSocket socket;
+        std::string refusal = {}; ///< that was logged
+    };
+
     const net::Context& context_;
     net::RouterSocket router_;
-    std::map<std::string, net::DealerSocket> dialled_; ///< other brokers, by endpoint
+    std::map<std::string, Dialled> dialled_; ///< other brokers, by endpoint
     net::PublisherSocket publisher_;
     std::unique_ptr<Kept> kept_;
     const net::Waker& waker_;
@@ -374,6 +439,8 @@ private:
     std::optional<Upstream> upstream_;
     Report report_; ///< the next one
     Instant next_report_;
+    std::uint64_t keyless_untold_ = 0;
+    Once keyless_told_{keyless_told_interval, 1};
     std::vector<Action> actions_;
     bool stopped_by_signal_ = false;
 };
@@ -388,10 +455,17 @@ Error about(const std::string& option, Error error) {
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
-    const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, options.insecure);
+    if (!options.allow.empty()) { // before anything is bound
+        auto list = net::AllowList::read(options.allow);
+        if (const auto taken = list ? context.admit(*std::move(list)) : Result<void>(list.error());
+            !taken)
+            return about("--allow", taken.error());
+    }
+    const bool open_to_all = options.insecure || !options.allow.empty();
+    const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, open_to_all);
     if (!bind)
         return about("--bind", bind.error());
-    const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, options.insecure);
+    const auto publish = net::endpoint_to_bind(options.publish, net::stream_port, open_to_all);
     if (!publish)
         return about("--publish", publish.error());
     const net::Waker waker;

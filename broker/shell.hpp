@@ -47,6 +47,9 @@ struct Options {
         false; ///< allow endpoints that other machines can reach, though nobody has keys
     std::vector<std::string> peers; ///< brokers that stand for this one, as endpoints
     std::string advertise; ///< where these and all others reach it; empty: where it is bound
+    /// Whose keys may come in (net::AllowList), read at the start and again at HUP; then the
+    /// context has keys. Empty: everybody.
+    std::filesystem::path allow;
     std::vector<std::string> call; ///< workers that listen (fraja-worker --listen), as endpoints
     Limits limits;
     std::filesystem::path state; ///< where jobs are kept; empty: in memory alone
@@ -65,9 +68,9 @@ struct Options {
         nullptr; ///< INT and TERM stop it, HUP rereads, USR1 dumps the state to the log
 };
 
-/// Runs until it is told to stop. Errors: invalid_argument for endpoints that make no sense or
-/// demand keys; io when they cannot be bound; those of Store::open and StoreReader::read; io when
-/// it stopped and not all could be written.
+/// Runs until it is told to stop. Errors: those of AllowList::read; invalid_argument for endpoints
+/// that make no sense or demand keys; io when they cannot be bound; those of Store::open and
+/// StoreReader::read; io when it stopped and not all could be written.
 [[nodiscard]] Result<void> run_broker(const net::Context& context, const Options& options,
                                       const Control& control);
 

@@ -23,7 +23,7 @@ http::Answer health(const Health& now) {
 } // namespace
 
 Result<http::Address> status_address(std::string_view text, bool insecure) {
-    const auto to_bind = net::endpoint_to_bind(text, net::http_port, insecure);
+    const auto to_bind = net::endpoint_to_bind(text, net::http_port, true);
     if (!to_bind)
         return to_bind.error();
     const auto endpoint = net::parse_endpoint(*to_bind, net::http_port);
@@ -32,6 +32,11 @@ Result<http::Address> status_address(std::string_view text, bool insecure) {
     if (endpoint->transport != net::Endpoint::Transport::tcp)
         return Error{ErrorCode::invalid_argument,
                      "'" + std::string(text) + "' is no address and port, as 127.0.0.1:50059"};
+    if (!insecure && !net::is_loopback(*endpoint))
+        return Error{ErrorCode::invalid_argument,
+                     to_string(*endpoint) +
+                         " can be reached from other machines, and pages have no keys: use a "
+                         "loopback address, or say --insecure on a network you trust"};
     return http::address_of(*endpoint);
 }
 

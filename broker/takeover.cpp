@@ -178,7 +178,7 @@ void Dispatcher::wait_no_longer_for_silent_workers() {
 }
 
 /// A tile that another broker has handed out: workers answer all.
-void Dispatcher::take_witnessed(const WorkerHello& worker, const TileRendered& answer) {
+void Dispatcher::take_witnessed(const WorkerSession& worker, const TileRendered& answer) {
     Job* job = job_of(answer.job);
     if (!job || answer.rect.empty() || is_over(job->phase) ||
         job->phase == JobPhase::waiting_for_scene ||
@@ -199,10 +199,10 @@ void Dispatcher::take_witnessed(const WorkerHello& worker, const TileRendered& a
                                                     .frame = job->submission().wishes.frame,
                                                     .pass = answer.pass,
                                                     .rect = answer.rect,
-                                                    .worker_name = worker.worker_name,
+                                                    .worker_name = worker.hello.worker_name,
                                                     .rays = answer.rays,
                                                     .elapsed = std::max(answer.elapsed, Duration{}),
-                                                    .worker = worker.worker,
+                                                    .worker = worker.drawer,
                                                     .blobs = answer.blobs}));
 }
 

@@ -86,14 +86,14 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
     Job* job = job_of(answer.job);
-    if (!worker.distrusted.empty() || (job && job->distrusts(worker.hello.worker))) {
+    if (!worker.distrusted.empty() || (job && job->distrusts(worker.drawer))) {
         ++counters_.answers_distrusted;
         if (grant)
             (void)take_back(key, *grant, false, worker, "its pixels are wrong");
         return;
     }
     if (!is_alone() && (!grant || (grant->adopted && grant->id == OpenTileId::none)))
-        return take_witnessed(worker.hello, answer);
+        return take_witnessed(worker, answer);
     if (!grant || !job || is_over(job->phase)) {
         ++counters_.stale_answers;
         return;
@@ -197,7 +197,7 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                                                       .worker_name = worker.hello.worker_name,
                                                       .rays = answer.rays,
                                                       .elapsed = elapsed,
-                                                      .worker = worker.hello.worker,
+                                                      .worker = worker.drawer,
                                                       .blobs = answer.blobs});
     take_result(job, grant.id, grant.tile, work, std::move(result));
 }

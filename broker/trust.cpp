@@ -60,8 +60,8 @@ Checks::HasOthers Dispatcher::others_for(const Job& job) const {
         return std::ranges::any_of(workers_, [&](const auto& entry) {
             const WorkerSession& worker = entry.second;
             return worker.room() > 0 && has_tags(worker, job.submission().wishes) &&
-                   !job.distrusts(worker.hello.worker) &&
-                   check.is_new_to(worker.hello.worker, worker.hello.worker_name);
+                   !job.distrusts(worker.drawer) &&
+                   check.is_new_to(worker.hello.worker, worker.voter);
         });
     };
 }
@@ -70,8 +70,8 @@ bool Dispatcher::grant_check(const PeerId& peer, WorkerSession& worker, Job& job
     if (!job.checks().has_pending())
         return false;
     const AttemptNumber attempt{attempts_ + 1};
-    const auto check = job.assign_check(worker.hello.worker, worker.hello.worker_name,
-                                        {peer, attempt}, others_for(job));
+    const auto check =
+        job.assign_check(worker.hello.worker, worker.voter, {peer, attempt}, others_for(job));
     if (!check)
         return false;
     send_grant(peer, worker, job,
@@ -91,7 +91,7 @@ void Dispatcher::check_rendered(Job& job, WorkerSession& worker, const Grant& gr
     (void)count_rendered(job, worker, grant, answer);
     const std::uint32_t agreed = job.checks().counts().agreed;
     const std::vector<WorkerId> wrong = job.answer_check(
-        grant.check, {worker.hello.worker, worker.hello.worker_name, pixels_hash(answer.blobs)});
+        grant.check, {worker.drawer, worker.hello.worker_name, pixels_hash(answer.blobs)});
     counters_.tiles_checked += job.checks().counts().agreed - agreed;
     if (const Checks::Check* check = job.checks().find(grant.check); check && !check->agrees()) {
         const std::vector<Checks::Answer> answers = check->answers;
@@ -135,7 +135,8 @@ void Dispatcher::end_if_done(Job& job) {
                  .kind = "tiles_unchecked",
                  .subject = to_string(job.id()),
                  .text = described(job) + ": " + counted(given_up, "tile") +
-                         " could not be checked: there is no second worker"});
+                         " could not be checked: there is no second worker" +
+                         (has_keys() ? " with another key" : "")});
         counters_.tiles_unchecked += given_up;
         look_ready(job);
         if (!job.checks().empty())
@@ -175,8 +176,14 @@ void Dispatcher::distrust(const std::vector<Distrusted>& liars, const JobId& fou
     for (const Distrusted& who : liars)
         void_all_tiles(who, found_in);
     for (const Distrusted& who : liars)
-        if (const auto peer = peer_of_worker_.find(who.worker); peer != peer_of_worker_.end())
-            give_no_more(PeerId(peer->second), workers_.at(peer->second), who.reason);
+        give_no_more(who);
+}
+
+/// To nobody who has that key.
+void Dispatcher::give_no_more(const Distrusted& who) {
+    for (auto& [peer, worker] : workers_)
+        if (worker.drawer == who.worker)
+            give_no_more(peer, worker, who.reason);
 }
 
 void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
@@ -289,7 +296,7 @@ bool Dispatcher::is_checked_as_told(const Job& job) const {
 void Dispatcher::recall_distrust(WorkerSession& worker) const {
     for (const auto& [id, job] : jobs_)
         for (const Distrusted& who : job.distrusted())
-            if (who.worker == worker.hello.worker)
+            if (who.worker == worker.drawer)
                 worker.distrusted = who.reason;
 }
 

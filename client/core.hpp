@@ -29,11 +29,15 @@ struct Undecodable {
 };
 /// A Send could not be handed over: there is no connection at the moment.
 struct NotSent {};
+/// Who listens there does not let us in: keys that do not fit.
+struct TurnedAway {
+    std::string reason;
+};
 /// Nothing is waiting to be read. Timers run at ticks alone, so that a program that was busy for a
 /// while reads what came meanwhile before it calls its peer silent.
 struct Tick {};
 
-using Event = std::variant<FromBroker, FromStream, Undecodable, NotSent, Tick>;
+using Event = std::variant<FromBroker, FromStream, Undecodable, NotSent, TurnedAway, Tick>;
 
 // ------------------------------------------------------------------------------------------- news
 

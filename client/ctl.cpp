@@ -131,6 +131,21 @@ private:
         return outcome;
     }
 
+    Outcome perform(const MakeKey& command) {
+        const auto key = service::make_key_file(command.output, options_.broker_key);
+        if (!key)
+            return {ExitCode::usage, key.error().message};
+        if (options_.shared.json)
+            fmt::print("{}\n", key_json(command.output, key->text));
+        else
+            fmt::print("{}\n", key->text);
+        console_.info("wrote " + command.output +
+                      ": keep it secret. What is printed is the public key: a line 'ROLE KEY NAME' "
+                      "in the allow-list of fraja-broker lets it in, as the key of a farm it is "
+                      "what --broker-key names");
+        return {};
+    }
+
     /// The worst that was found: no broker, one that cannot be used, then what is wrong here.
     Outcome perform(const Examine& command) {
         const auto here = examine_machine(command.refused_over);
@@ -211,7 +226,7 @@ private:
     Outcome perform(const GetPicture& command) {
         if (const auto writable = check_writable(command.output); !writable)
             return {ExitCode::usage, writable.error().message};
-        const net::Context context;
+        const net::Context context(options_.shared.keys);
         PictureCatcher catcher;
         JobWatching watching(
             {command.job, session_options(options_.shared), {.share = 1, .once = true}},
@@ -242,13 +257,13 @@ private:
     Outcome catch_farm(FarmCatcher& catcher) { return catch_farm(catcher, options_.shared); }
 
     Outcome catch_farm(FarmCatcher& catcher, const SharedOptions& shared) {
-        const net::Context context;
+        const net::Context context(shared.keys);
         FarmWatching watching(session_options(shared));
         return converse(context, watching, catcher, shared);
     }
 
     Outcome ask(Question question, Listener& catcher) {
-        const net::Context context;
+        const net::Context context(options_.shared.keys);
         const auto* const worker = std::get_if<WorkerQuestion>(&question);
         const std::string name = worker ? worker->worker : std::get<JobQuestion>(question).job;
         const char* const what = worker ? "WORKER" : "JOB";

@@ -19,6 +19,7 @@ constexpr const char* ctl_examples = R"(Examples:
   fraja-ctl get '#17' -o now.png         the picture as far as it is
   fraja-ctl cancel cone                  asks, then cancels the newest job of that name
   fraja-ctl drain ada:4711               that worker gets no more tiles
+  fraja-ctl keygen -o my.key             a key pair; prints the public key, for an allow-list
   fraja-ctl -b farm.example doctor       why does nothing happen?
   . <(fraja-ctl completion bash)         TAB completes options, jobs and workers in this shell
 
@@ -82,6 +83,13 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
     takes_job(get);
     get->add_option("-o,--output", output, "Picture file")->required()->type_name("FILE");
     encoding.add_to(*get);
+    CLI::App* keygen = command("keygen", "Make a key pair, and print its public key");
+    keygen
+        ->add_option("-o,--output", output,
+                     "Key file: for its owner alone, and never overwritten; with --broker-key it "
+                     "names the broker, too")
+        ->required()
+        ->type_name("FILE");
     std::string shell;
     cli::Origins origins;
     CLI::App* completion = command("completion", "Print the script that completes our programs");
@@ -96,7 +104,7 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
         return EarlyExit{0, *cli::completion_script(shell, programs)};
 
     CtlOptions options;
-    auto read = shared.read();
+    auto read = shared.read(!keygen->parsed());
     if (!read)
         return cli::usage_error(ctl_name, origins.blame(read.error().message));
     options.shared = *std::move(read);
@@ -109,6 +117,11 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
         return cli::usage_error(ctl_name, "that is no JOB: it is too long");
     if (worker.size() > protocol::string_bytes_max)
         return cli::usage_error(ctl_name, "that is no WORKER: it is too long");
+    if (keygen->parsed()) {
+        options.broker_key = shared.broker_key();
+        options.command = MakeKey{output};
+        return options;
+    }
     if (const auto good = check_one_picture(output); !good)
         return cli::usage_error(ctl_name, good.error().message);
     const auto how = encoding.read(output, origins);

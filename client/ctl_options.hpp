@@ -34,16 +34,21 @@ struct GetPicture {
 };
 struct ListBrokers {};
 struct ShowStats {};
+/// A new key pair.
+struct MakeKey {
+    std::string output;
+};
 /// What is wrong here?
 struct Examine {
     /// What any other command would end with, as the settings files are; they are not in use then.
     std::string refused_over;
 };
 using CtlCommand = std::variant<ListJobs, ListWorkers, ShowJob, ControlJob, ControlWorker,
-                                GetPicture, ListBrokers, ShowStats, Examine>;
+                                GetPicture, ListBrokers, ShowStats, MakeKey, Examine>;
 
 struct CtlOptions {
     SharedOptions shared;
+    std::string broker_key; ///< as it was typed or set; of MakeKey
     CtlCommand command;
 };
 

@@ -165,7 +165,7 @@ Finding examine_way(const std::string& broker, const net::Endpoint& endpoint) {
                        std::string(endpoint.port == net::broker_port ? "" : " --bind " + broker)
                  : "is fraja-broker running there, with --bind tcp://*:" +
                        std::to_string(endpoint.port) +
-                       " --insecure? does a firewall close the port?",
+                       " and keys (or --insecure)? does a firewall close the port?",
             true};
 }
 
@@ -177,20 +177,26 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
         findings.push_back(examine_way(broker, *endpoint));
         if (findings.back().grade == bad)
             return findings;
-        if (!net::is_loopback(*endpoint))
+        if (!shared.keys && !net::is_loopback(*endpoint))
             findings.push_back({doubtful, "keys",
-                                "there are none in this release: whoever reaches "
-                                "the broker may use it",
-                                "only on a network that you trust"});
+                                "none are used here: whoever reaches the broker may use it",
+                                "only on a network that you trust; --key-file, fraja-ctl keygen"});
     }
-    const net::Context context;
+    const net::Context context(shared.keys);
     FarmPatient patient;
     SessionOptions session = session_options(shared);
     session.brokers = {broker};
     session.connect_timeout = std::min(shared.connect_timeout, patience);
     FarmWatching watching(std::move(session));
     const Outcome outcome = converse(context, watching, patient, signals);
-    if (outcome.code == ExitCode::refused)
+    if (!patient.stream.empty() && shared.keys)
+        findings.push_back(
+            {good, "keys", "ours is known to the broker, and the broker's is ours", {}});
+    const bool is_key = outcome.reason.find("version") == std::string::npos;
+    if (outcome.code == ExitCode::refused && is_key)
+        findings.push_back(
+            {bad, "keys", outcome.reason, "SECURITY.md: how keys are made and given out"});
+    else if (outcome.code == ExitCode::refused)
         findings.push_back(
             {bad, "version", outcome.reason,
              "this is " + version_line("fraja-ctl") + ": bring both to the same release"});

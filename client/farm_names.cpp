@@ -44,7 +44,7 @@ std::vector<cli::Candidate> farm_names(const SharedOptions& shared, std::string_
         return {};
     SharedOptions soon = shared;
     soon.connect_timeout = names_timeout;
-    const net::Context context;
+    const net::Context context(shared.keys);
     FarmCatcher catcher;
     FarmWatching watching(session_options(soon));
     (void)converse(context, watching, catcher, nullptr);

@@ -183,6 +183,10 @@ std::string stats_json(const protocol::FarmState& farm) {
     return dumped(broker_object(farm.broker));
 }
 
+std::string key_json(const std::string& file, const std::string& public_key) {
+    return dumped({{"schema", "fraja.key/1"}, {"file", file}, {"public", public_key}});
+}
+
 std::string finding_json(const Finding& f) {
     const char* const grade = f.grade == Finding::Grade::good  ? "good"
                               : f.grade == Finding::Grade::bad ? "bad"

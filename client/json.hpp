@@ -28,6 +28,8 @@ namespace fraja::client {
 /// fraja.broker/1 without it: what a farm has done since its broker started.
 [[nodiscard]] std::string stats_json(const protocol::FarmState& farm);
 /// fraja.finding/1: what a doctor found.
+/// Of a new key pair; the secret is in the file alone.
+[[nodiscard]] std::string key_json(const std::string& file, const std::string& public_key);
 [[nodiscard]] std::string finding_json(const Finding& finding);
 /// fraja.farm/1: the broker, all jobs and workers.
 [[nodiscard]] std::string farm_json(const protocol::FarmState& farm);

@@ -144,7 +144,8 @@ std::string unchecked_words(const protocol::CheckCounts& checks) {
         return {};
     return "--verify: " + counted(checks.unchecked, "tile") + " of " +
            std::to_string(checks.unchecked + checks.agreed) +
-           " could not be checked: there was no second worker";
+           " could not be checked: there was no second worker (where there are keys: with another "
+           "one)";
 }
 
 void tell_resumed(Console& console, ProgressMode mode, const protocol::JobState& job,

@@ -54,6 +54,7 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         ->allow_extra_args(false)
         ->default_str(net::default_broker)
         ->type_name("ENDPOINT");
+    service::add_key_options(app, keys_, "Public key of the broker");
     app.add_option("--connect-timeout", connect_timeout_, "How long to look for a broker")
         ->envname("FRAJA_CONNECT_TIMEOUT")
         ->capture_default_str()
@@ -71,8 +72,14 @@ void SharedArguments::add_to(CLI::App& app, std::string program, std::string_vie
         "Print the result as JSON; what goes wrong is told by the exit code and on stderr");
 }
 
-Result<SharedOptions> SharedArguments::read() const {
+Result<SharedOptions> SharedArguments::read(bool asks_broker) const {
     SharedOptions options;
+    if (asks_broker) {
+        auto keys = service::read_keys(keys_);
+        if (!keys)
+            return keys.error();
+        options.keys = *std::move(keys);
+    }
     std::vector<std::string> brokers = brokers_;
     std::erase(brokers, std::string());
     if (brokers.empty())

@@ -8,9 +8,11 @@
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
 #include "common/image_io/picture_file.hpp"
+#include "common/service/key_options.hpp"
 #include "common/service/log_options.hpp"
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -25,6 +27,7 @@ struct SharedOptions {
     Duration connect_timeout = std::chrono::seconds(10);
     ProgressMode progress = ProgressMode::automatic;
     ConsoleOptions console;
+    std::optional<net::Keys> keys; ///< nothing: there are none
     bool json = false;
 };
 
@@ -38,12 +41,15 @@ public:
     /// Adds --broker and its companions to `app`; this must outlive the parsing. --version names
     /// `isa`.
     void add_to(CLI::App& app, std::string program, std::string_view isa = isa_level());
-    [[nodiscard]] Result<SharedOptions> read() const;
+    /// Without `asks_broker` no key is read: it may be bad, or somebody else's.
+    [[nodiscard]] Result<SharedOptions> read(bool asks_broker = true) const;
+    [[nodiscard]] const std::string& broker_key() const { return keys_.broker; }
 
 private:
     std::string program_;
     std::vector<std::string> brokers_;
     std::string connect_timeout_ = "10s", progress_ = "auto";
+    service::KeyOptions keys_;
     service::LogOptions log_;
     bool json_ = false;
 };

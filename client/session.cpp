@@ -43,6 +43,8 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
         }
         return Change::none;
     }
+    if (const auto* away = std::get_if<TurnedAway>(&event))
+        return open_ ? Change::none : take_refusal(now, away->reason, actions);
     if (const auto* bad = std::get_if<Undecodable>(&event)) {
         if (bad->error.code == ErrorCode::version_mismatch)
             return end(Change::refused, {ExitCode::refused, broker() + ": " + bad->error.message});
@@ -83,6 +85,7 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
     heartbeat_ = std::clamp<Duration>(welcome_.heartbeat, 10ms, 1min);
     silence_max_ = heartbeat_ * welcome_.liveness * (1 << losses_);
     open_ = true;
+    refusals_ = 0;
     opened_at_ = now;
     beat_due_ = now + heartbeat_;
     silent_at_ = now + silence_max_;
@@ -94,7 +97,10 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
 
 Session::Change Session::take(Instant now, const protocol::Refused& refused,
                               std::vector<Action>& actions) {
-    if (refused.code == protocol::RefusalCode::version_mismatch)
+    if (refused.code == protocol::RefusalCode::not_allowed && !open_)
+        return take_refusal(now, refused.reason, actions);
+    if (refused.code == protocol::RefusalCode::version_mismatch ||
+        refused.code == protocol::RefusalCode::not_allowed)
         return end(Change::refused, {ExitCode::refused, broker() + ": " + refused.reason});
     if (refused.code == protocol::RefusalCode::unknown_peer && open_) {
         open_ = false; // it restarted, or had lost us: same connection, new session
@@ -102,6 +108,16 @@ Session::Change Session::take(Instant now, const protocol::Refused& refused,
         turn_ends_ = now + turn();
         say_hello(now, actions);
     }
+    return Change::none;
+}
+
+/// Of several brokers another one may let us in, whose list was read later.
+Session::Change Session::take_refusal(Instant now, const std::string& reason,
+                                      std::vector<Action>& actions) {
+    if (++refusals_ >= options_.brokers.size())
+        return end(Change::refused, {ExitCode::refused, broker() + ": " + reason});
+    broker_ = (broker_ + 1) % options_.brokers.size();
+    look_for_broker(now, actions);
     return Change::none;
 }
 

@@ -47,15 +47,17 @@ private:
     void say_hello(Instant now, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Welcome& welcome, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Refused& refused, std::vector<Action>& actions);
+    Change take_refusal(Instant now, const std::string& reason, std::vector<Action>& actions);
     void learn(const std::vector<protocol::Member>& brokers);
     void lose(Instant now, std::vector<Action>& actions);
     Change tick(Instant now, std::vector<Action>& actions);
     Change end(Change change, Outcome outcome);
     [[nodiscard]] Duration turn() const;
 
-    SessionOptions options_; ///< its brokers with those that were told of behind them
-    std::size_t named_ = 0;  ///< brokers that were given
-    std::size_t broker_ = 0; ///< index of the one we speak to
+    SessionOptions options_;   ///< its brokers with those that were told of behind them
+    std::size_t named_ = 0;    ///< brokers that were given
+    std::size_t broker_ = 0;   ///< index of the one we speak to
+    std::size_t refusals_ = 0; ///< of brokers that do not let us in, since one has
     bool open_ = false;
     bool ended_ = false;
     bool patient_ = false;

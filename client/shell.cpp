@@ -59,6 +59,8 @@ public:
                            : ": " + why + " (fraja-broker starts one, -b HOST:PORT names another" +
                                  (has_job_ ? "; fraja-submit --local does without)" : ")");
     }
+    /// Why nothing could be sent, where keys do not fit.
+    [[nodiscard]] std::string refusal() const { return dealer_ ? dealer_->refusal() : ""; }
     [[nodiscard]] bool take_not_sent() { return std::exchange(not_sent_, false); }
 
     [[nodiscard]] std::optional<Event> receive_from_broker() {
@@ -176,8 +178,11 @@ private:
         for (std::size_t i = 0; i < actions_.size(); ++i) {
             const Action next = std::move(actions_[i]);
             std::visit([this](const auto& action) { perform(action); }, next);
-            if (port_.take_not_sent())
-                core_.step(net::now(), NotSent{}, actions_);
+            if (!port_.take_not_sent())
+                continue;
+            if (const std::string why = port_.refusal(); !why.empty())
+                core_.step(net::now(), TurnedAway{why}, actions_);
+            core_.step(net::now(), NotSent{}, actions_);
         }
         actions_.clear();
     }

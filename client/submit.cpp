@@ -227,7 +227,7 @@ private:
     }
 
     Outcome render(SubmitListener& listener) {
-        const net::Context context;
+        const net::Context context(options_.shared.keys);
         std::unique_ptr<LocalFarm> farm;
         SubmissionRequest request{
             .job = new_job(options_, options_.job_name, scene_.hash, scene_.text.size()),

@@ -116,7 +116,8 @@ public:
     FilmProgram(const SubmitOptions& options, const net::SignalWatch* signals)
         : options_(options), signals_(signals), console_(options.shared.console),
           mode_(ProgressReport::chosen(options.shared.progress, console_)),
-          progress_(console_, mode_, options.job_name, film_, net::now()), wait_(console_, mode_) {
+          progress_(console_, mode_, options.job_name, film_, net::now()), wait_(console_, mode_),
+          context_(options.shared.keys) {
         report_.started = std::chrono::system_clock::now();
         report_.film = film_;
         report_.job_name = options.job_name;

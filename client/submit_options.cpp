@@ -512,7 +512,7 @@ Parsed<SubmitOptions> parse_submit_options(std::vector<std::string> arguments) {
                             read_film, read_encoding})
         if (const auto good = read(a); !good)
             return cli::usage_error(submit_name, a.origins.blame(good.error().message));
-    auto shared = a.shared.read();
+    auto shared = a.shared.read(!a.options.local);
     if (!shared)
         return cli::usage_error(submit_name, a.origins.blame(shared.error().message));
     a.options.shared = *std::move(shared);

@@ -123,7 +123,7 @@ private:
 
 int watch_farm(const WatchOptions& options, Console& console, const net::SignalWatch* signals) {
     FarmListener listener(options, console);
-    const net::Context context;
+    const net::Context context(options.shared.keys);
     FarmWatching watching(session_options(options.shared));
     // The table says itself whom it looks for.
     SearchingListener searching(

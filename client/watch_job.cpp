@@ -236,7 +236,7 @@ int watch_job(const WatchOptions& options, Console& console, const net::SignalWa
     SearchingListener searching(listener,
                                 {console, ProgressReport::chosen(options.shared.progress, console),
                                  options.shared.brokers, net::now()});
-    const net::Context context;
+    const net::Context context(options.shared.keys);
     JobWatching watching({*options.job, session_options(options.shared), options.until},
                          fresh_rng());
     const Outcome outcome =

@@ -13,8 +13,8 @@ Link::Link(Who who, const OnLog& on_log, Line line, Session session, Pool& pool)
 
 void Link::step(const Event& event) {
     step_session(event);
-    while (const auto of_caller = wire_.heed_caller())
-        step_session(*of_caller);
+    while (const auto of_line = wire_.heed_line())
+        step_session(*of_line);
 }
 
 void Link::receive_some() {
@@ -28,8 +28,8 @@ void Link::receive_some() {
 
 void Link::keep_time(Instant now) {
     wire_.flush_if_due(now);
-    while (const auto of_caller = wire_.heed_caller())
-        step_session(*of_caller);
+    while (const auto of_line = wire_.heed_line())
+        step_session(*of_line);
     if (wire_.has_caller() && now >= session_.next_deadline())
         step(Tick{pool_.progress(index_)});
 }

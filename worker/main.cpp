@@ -8,6 +8,7 @@
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
+#include "common/service/key_options.hpp"
 #include "common/service/log_options.hpp"
 #include "worker/duty.hpp"
 #include "worker/service.hpp"
@@ -56,6 +57,7 @@ struct Arguments {
     std::string threads_because, warning; ///< for its first words
     std::string alive_file;
     int niceness = 0;
+    service::KeyOptions keys;
     service::LogOptions log;
 };
 
@@ -94,6 +96,12 @@ void describe(CLI::App& app, Arguments& arguments) {
            "this one and those that follow, or, of 0, what the system chooses")
         ->type_name("tcp://HOST:PORT")
         ->trigger_on_parse();
+    service::add_key_options(app, arguments.keys,
+                             "Public key of the broker (of all that --broker names)");
+    app.add_option("--allow", options.allow,
+                   "With --listen: whose keys may call, as of fraja-broker; those with the role "
+                   "submit. Read again at HUP")
+        ->type_name("FILE");
     app.add_flag("--insecure", options.insecure,
                  "Listen at addresses that other machines reach, without keys");
     app.add_option("-j,--threads", options.threads, "Render threads")
@@ -197,6 +205,12 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
             return Error{endpoint.error().code, "--broker: " + endpoint.error().message};
         broker = *endpoint;
     }
+    if (!options.allow.empty() && arguments.keys.file.empty())
+        return Error{ErrorCode::invalid_argument,
+                     "--allow is of no use without a key of this worker's own: --key-file FILE"};
+    if (!options.listen.empty() && !arguments.keys.file.empty() && options.allow.empty())
+        return Error{ErrorCode::invalid_argument,
+                     "--key-file: who may call this worker? --allow FILE says it"};
     if (const auto read = read_duty(arguments); !read)
         return read.error();
     return worker::validate(options);
@@ -219,6 +233,9 @@ int main(int argc, char** argv) try {
     if (const auto completed = complete(arguments, app.count("--threads") > 0); !completed)
         return usage_error(origins.blame(completed.error().message));
     look_at_allowance(arguments, app.count("--threads") > 0);
+    auto keys = service::read_keys(arguments.keys, !options.listen.empty());
+    if (!keys)
+        return usage_error(origins.blame(keys.error().message));
     const auto isa = kernel::instruction_set();
     if (!isa)
         return fail(isa.error().message);
@@ -226,15 +243,20 @@ int main(int argc, char** argv) try {
     if (arguments.niceness > getpriority(PRIO_PROCESS, 0) && // whoever started it may know better
         setpriority(PRIO_PROCESS, 0, arguments.niceness) != 0)
         return fail("--nice: " + std::error_code(errno, std::generic_category()).message());
+    std::optional<net::SignalWatch> hangups;
+    if (!options.allow.empty())
+        hangups.emplace(std::initializer_list<int>{SIGHUP});
     const auto code = worker::Service({.program = program,
                                        .worker = std::move(options),
+                                       .keys = *std::move(keys),
                                        .duty = arguments.duty,
                                        .hours = arguments.hours,
                                        .log = arguments.log,
                                        .isa = *isa,
                                        .threads_because = arguments.threads_because,
                                        .warning = arguments.warning,
-                                       .alive_file = arguments.alive_file},
+                                       .alive_file = arguments.alive_file,
+                                       .hangups = hangups ? &*hangups : nullptr},
                                       signals)
                           .run();
     return code ? *code : fail(code.error());

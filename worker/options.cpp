@@ -70,8 +70,13 @@ Result<void> validate(const WorkerOptions& o) {
     if (o.insecure && o.listen.empty())
         return invalid("--insecure is for --listen: whoever connects to a broker is not reached "
                        "by anybody");
+    if (!o.allow.empty() && o.listen.empty())
+        return invalid("--allow is for --listen: whoever connects to a broker is not reached by "
+                       "anybody");
     if (!o.listen.empty())
-        if (const auto where = listening_endpoints(o.listen, o.insecure, session_count(o)); !where)
+        if (const auto where =
+                listening_endpoints(o.listen, o.insecure || !o.allow.empty(), session_count(o));
+            !where)
             return where.error();
     if (o.threads == 0 || o.threads > threads_max)
         return invalid("--threads " + std::to_string(o.threads) + ": 1 to " +

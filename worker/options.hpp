@@ -5,6 +5,7 @@
 #include "common/base/result.hpp"
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -36,9 +37,11 @@ struct WorkerOptions {
     /// In place of brokers: where to wait for them to call, tcp://HOST:PORT. Emulated workers have
     /// a port each: from that one on, or, if it is 0, what the system chooses.
     std::string listen = {};
-    bool insecure = false;     ///< listen where other machines can reach it, though nobody has keys
-    std::uint32_t threads = 1; ///< render threads, shared by all brokers
-    std::string name;          ///< for people
+    bool insecure = false; ///< listen where other machines can reach it, though nobody has keys
+    /// Who may call a worker that listens (net::AllowList); then the context has keys. Empty: all.
+    std::filesystem::path allow = {};
+    std::uint32_t threads = 1;      ///< render threads, shared by all brokers
+    std::string name;               ///< for people
     std::vector<std::string> tags;  ///< `K` or `K=V`
     std::uint64_t memory_bytes = 0; ///< that it may have, as brokers are told; 0: no limit is known
     /// In place of one true worker: many, each with `threads`, called NAME/1, NAME/2 ..., with the

@@ -55,7 +55,8 @@ std::string opening_line(const ServiceOptions& service) {
 
 Service::Service(ServiceOptions options, const net::SignalWatch& signals)
     : options_(std::move(options)), signals_(signals), opening_(opening_line(options_)),
-      logger_(options_.program, options_.log), duty_(options_.duty) {
+      logger_(options_.program, options_.log), context_(std::move(options_.keys)),
+      duty_(options_.duty) {
     options_.worker.on_log = [this](const LogLine& line) { logger_.log(line); };
     options_.worker.on_listening = [this](const std::vector<std::string>& endpoints) {
         open(); // not before it is known that it can
@@ -170,8 +171,13 @@ Result<FinishReason> Service::serve() {
         woken.wake();
     });
     while (!ended) {
-        net::wait({woken.fd(), signals_.fd()}, std::chrono::seconds(options_.hours ? 1 : 60));
+        std::vector<net::Waitable> waitables{woken.fd(), signals_.fd()};
+        if (options_.hangups)
+            waitables.emplace_back(options_.hangups->fd());
+        net::wait(waitables, std::chrono::seconds(options_.hours ? 1 : 60));
         take_signals();
+        while (options_.hangups && options_.hangups->receive())
+            read_allow_list_again();
         if (!on_duty() && !leaving_.exchange(true)) {
             tell("its hours are over");
             control_->drain();
@@ -179,6 +185,20 @@ Result<FinishReason> Service::serve() {
     }
     thread.join();
     return *outcome;
+}
+
+/// A list that cannot be used changes nothing. Who calls and may not any more is not heard.
+void Service::read_allow_list_again() {
+    auto list = net::AllowList::read(options_.worker.allow);
+    const auto taken = list ? context_.admit(*std::move(list)) : Result<void>(list.error());
+    if (taken)
+        tell("knows " + counted(context_.admitted()->size() - 1, "key") + " of " +
+             options_.worker.allow.string());
+    else
+        logger_.log({LogLevel::error,
+                     "allow_list_refused",
+                     {},
+                     "the keys that are known stay as they were: " + taken.error().message});
 }
 
 void Service::take_signals() {

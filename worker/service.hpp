@@ -18,8 +18,9 @@
 namespace fraja::worker {
 
 struct ServiceOptions {
-    std::string program;  ///< opens every line of the log
-    WorkerOptions worker; ///< its callbacks are the service's
+    std::string program;           ///< opens every line of the log
+    WorkerOptions worker;          ///< its callbacks are the service's
+    std::optional<net::Keys> keys; ///< nothing: it has none
     DutyTerms duty;
     std::optional<Hours> hours; ///< nothing: all day
     service::LogOptions log;
@@ -27,6 +28,8 @@ struct ServiceOptions {
     std::string threads_because = {}; ///< why they are fewer than the machine has; empty: no reason
     std::string warning = {};         ///< said with its first words; empty: none
     std::string alive_file = {}; ///< written anew about every second, as long as the loop turns
+    const net::SignalWatch* hangups =
+        nullptr; ///< at which the allow-list is read again; null: none
 };
 
 class Service {
@@ -49,6 +52,7 @@ private:
     bool wait_for_hours();
     Result<FinishReason> serve();
     void take_signals();
+    void read_allow_list_again();
 
     ServiceOptions options_;
     const net::SignalWatch& signals_;

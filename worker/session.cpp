@@ -74,6 +74,12 @@ void Session::on(Turn& turn, const Undecodable& event) {
         finish(turn, FinishReason::version_mismatch);
         return;
     }
+    if (event.error.code == ErrorCode::refused) {
+        absence_said_ = true; // it is there
+        turn.log(LogLevel::warning, "turned_away",
+                 "the broker does not let this worker in, will ask again: " + event.error.message);
+        return;
+    }
     note_oddity(turn, event.error.message);
 }
 
@@ -122,6 +128,11 @@ void Session::on_message(Turn& turn, const protocol::Refused& message) {
         if (message.code != RefusalCode::unknown_peer && !std::exchange(absence_said_, true))
             turn.log(LogLevel::warning, "refused",
                      "refused by the broker, will ask again: " + message.reason);
+    } else if (message.code == RefusalCode::not_allowed) {
+        turn.log(LogLevel::warning, "refused",
+                 "refused by the broker, will ask again: " + message.reason);
+        begin_greeting(turn);
+        absence_said_ = true;
     } else if (message.code == RefusalCode::unknown_peer) {
         turn.log(LogLevel::warning, "greeting_anew",
                  "the broker does not know this worker (any more): greeting anew");

@@ -65,7 +65,8 @@ enum class Ticket : std::uint64_t {};
 struct Received {
     protocol::Message message; ///< from the broker
 };
-/// From the broker came what decode() refused.
+/// From the broker came what decode() refused. Or nothing comes (ErrorCode::refused): who listens
+/// there does not let this worker in, which is tried again meanwhile.
 struct Undecodable {
     Error error;
 };

@@ -91,7 +91,7 @@ public:
         for (std::uint64_t i = 0; i < crew_count(options_); ++i) {
             Worker& worker = add_worker(options_.brokers);
             for (std::size_t slot = 0; slot < options_.brokers.size(); ++slot) {
-                auto socket = net::DealerSocket::connect(context_, options_.brokers[slot]);
+                auto socket = connect_for(worker, options_.brokers[slot]);
                 if (!socket)
                     return socket.error();
                 add_wire(worker, slot, std::move(*socket), options_.brokers[slot]);
@@ -129,8 +129,14 @@ private:
     }
 
     Result<void> listen() {
-        const auto wanted =
-            listening_endpoints(options_.listen, options_.insecure, session_count(options_));
+        if (!options_.allow.empty()) { // before anything is bound
+            auto list = net::AllowList::read(options_.allow);
+            const auto taken = list ? context_.admit(*std::move(list)) : Result<void>(list.error());
+            if (!taken)
+                return Error{taken.error().code, "--allow: " + taken.error().message};
+        }
+        const auto wanted = listening_endpoints(
+            options_.listen, options_.insecure || !options_.allow.empty(), session_count(options_));
         if (!wanted)
             return wanted.error();
         std::vector<std::string> bound;
@@ -178,6 +184,13 @@ private:
         ++wire_count_;
     }
 
+    /// Emulated workers have the same brokers and one key: what one is told holds for all.
+    Result<net::DealerSocket> connect_for(const Worker& worker, const std::string& endpoint) {
+        using Telling = net::DealerSocket::Telling;
+        return net::DealerSocket::connect(
+            context_, endpoint, worker.number == 0 ? Telling::refusals : Telling::nothing);
+    }
+
     /// To a broker that was told of.
     Result<void> open(Worker& worker, std::size_t slot, const std::string& told) {
         const auto endpoint = net::endpoint_to_connect(told, net::broker_port);
@@ -185,7 +198,7 @@ private:
             return endpoint.error();
         if (auto reserved = net::reserve_descriptors(wire_count_ + 1); !reserved)
             return reserved.error();
-        auto socket = net::DealerSocket::connect(context_, *endpoint);
+        auto socket = connect_for(worker, *endpoint);
         if (!socket)
             return socket.error();
         add_wire(worker, slot, std::move(*socket), told);
@@ -281,7 +294,7 @@ private:
             return;
         wire->flush();
         poller_.look_again(poller_index(worker, slot));
-        while (auto event = wire->heed_caller())
+        while (auto event = wire->heed_line())
             events.push_back(SessionEvent{session_of(worker, slot), std::move(*event)});
     }
 
@@ -383,7 +396,7 @@ private:
             if (!wire)
                 continue;
             wire->flush_if_due(now);
-            while (auto event = wire->heed_caller())
+            while (auto event = wire->heed_line())
                 step(worker, SessionEvent{session_of(worker, slot), std::move(*event)});
         }
         for (const auto& wire : worker.leaving)

@@ -24,7 +24,7 @@ Wire::Wire(std::string title, const OnLog& on_log, Line line)
 std::optional<Event> Wire::receive() {
     if (!received_)
         received_ = line_.receive();
-    if (auto event = heed_caller())
+    if (auto event = heed_line())
         return event; // and then what that one has said
     if (!received_)
         return std::nullopt;
@@ -34,27 +34,28 @@ std::optional<Event> Wire::receive() {
     return Received{std::move(*message)};
 }
 
-std::optional<Event> Wire::heed_caller() {
-    look_at_caller();
-    if (of_caller_.empty())
+std::optional<Event> Wire::heed_line() {
+    look_at_line();
+    if (of_line_.empty())
         return std::nullopt;
-    Event event = std::move(of_caller_.front());
-    of_caller_.pop_front();
+    Event event = std::move(of_line_.front());
+    of_line_.pop_front();
     return event;
 }
 
 /// What was for another caller is for nobody.
-void Wire::look_at_caller() {
+void Wire::look_at_line() {
+    if (const std::string& why = line_.refusal(); why != refusal_ && !why.empty())
+        of_line_.emplace_back(Undecodable{{ErrorCode::refused, refusal_ = why}});
     if (caller_ == line_.caller())
         return;
     outbox_.clear();
     resend_at_ = Instant::never();
-    std::erase_if(of_caller_,
-                  [](const Event& event) { return std::holds_alternative<Tick>(event); });
+    std::erase_if(of_line_, [](const Event& event) { return std::holds_alternative<Tick>(event); });
     if (std::exchange(caller_, line_.caller()) != 0)
-        of_caller_.emplace_back(CallerGone{});
+        of_line_.emplace_back(CallerGone{});
     if (caller_ != 0)
-        of_caller_.emplace_back(Tick{});
+        of_line_.emplace_back(Tick{});
 }
 
 /// A WorkerHello begins anew.

@@ -34,6 +34,12 @@ public:
     net::SendStatus send(const protocol::Packet& packet) {
         return std::visit([&](auto& socket) { return socket.send(packet); }, socket_);
     }
+    /// As DealerSocket's.
+    [[nodiscard]] const std::string& refusal() const {
+        static const std::string none;
+        const auto* dealer = std::get_if<net::DealerSocket>(&socket_);
+        return dealer ? dealer->refusal() : none;
+    }
     void set_linger(Duration linger) {
         std::visit([&](auto& socket) { socket.set_linger(linger); }, socket_);
     }
@@ -63,11 +69,11 @@ public:
     /// `title`: in the log. `on_log`, which may be empty, must outlive this.
     Wire(std::string title, const OnLog& on_log, Line line);
 
-    /// The session's next event, if one is here: what the broker has said, or that the caller is
-    /// another one, who shall be greeted.
+    /// The session's next event, if one is here: what the broker has said, that the caller is
+    /// another one, who shall be greeted, or that the broker does not let us in.
     [[nodiscard]] std::optional<Event> receive();
-    /// Of these, those of a caller alone. To be asked after whatever was done with this.
-    [[nodiscard]] std::optional<Event> heed_caller();
+    /// Of these, all but what was said. To be asked after whatever was done with this.
+    [[nodiscard]] std::optional<Event> heed_line();
     /// False: there is nobody to be greeted.
     [[nodiscard]] bool has_caller() const { return caller_ != 0; }
 
@@ -97,13 +103,14 @@ private:
     /// For the last answers and the Goodbye to leave.
     static constexpr Duration farewell_max = std::chrono::seconds(1);
 
-    void look_at_caller();
+    void look_at_line();
 
     std::string title_;
     const OnLog& on_log_;
     Line line_;
     std::uint64_t caller_; // whom the session speaks to
-    std::deque<Event> of_caller_;
+    std::string refusal_;  // that the session has been told
+    std::deque<Event> of_line_;
     std::optional<net::Frames> received_; // behind these
     std::deque<protocol::Packet> outbox_;
     Instant resend_at_ = Instant::never();

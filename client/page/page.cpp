@@ -73,7 +73,8 @@ private:
 class PageProgram {
 public:
     PageProgram(const WatchOptions& options, const net::SignalWatch* signals)
-        : options_(options), signals_(signals), console_(options.shared.console) {}
+        : options_(options), signals_(signals), console_(options.shared.console),
+          context_(options.shared.keys) {}
 
     int run() {
         const Outcome outcome = serve();

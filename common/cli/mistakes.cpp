@@ -11,11 +11,6 @@
 namespace fraja::cli {
 namespace {
 
-/// What people know of the next versions.
-constexpr const char* no_keys_yet =
-    ": this version has no keys yet; between machines it is used on "
-    "a network that is trusted, with --insecure";
-
 /// " (did you mean '--priority'?)", or nothing: a name that was not finished, or a slip of the
 /// fingers.
 std::string meant(const std::string& word, const std::vector<std::string>& names) {
@@ -45,8 +40,7 @@ std::optional<std::string> of_extras(const CLI::App& app) {
         extras, [](const std::string& word) { return word.size() > 1 && word[0] == '-'; });
     if (dashed != extras.end()) {
         const std::string name = dashed->substr(0, dashed->find('='));
-        return "there is no option '" + name + "'" +
-               (name == "--key-file" ? no_keys_yet : meant(name, all_names(app)));
+        return "there is no option '" + name + "'" + meant(name, all_names(app));
     }
     if (extras.empty())
         return std::nullopt;

@@ -17,8 +17,9 @@ namespace fraja::cli {
 namespace {
 
 /// What may stand before the tables.
-constexpr std::array<std::string_view, 7> shared_options = {
-    "broker", "connect-timeout", "progress", "color", "log-level", "log-format", "json"};
+constexpr std::array<std::string_view, 9> shared_options = {
+    "broker",    "key-file",   "broker-key", "connect-timeout", "progress", "color",
+    "log-level", "log-format", "json"};
 
 /// Also where its name is given without what all of them have in common.
 std::optional<std::string_view> program_meant(std::string_view name) {

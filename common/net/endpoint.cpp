@@ -82,18 +82,18 @@ bool is_loopback(const Endpoint& e) {
 }
 
 Result<std::string> endpoint_to_bind(std::string_view text, std::uint16_t default_port,
-                                     bool insecure) {
+                                     bool open_to_all) {
     auto endpoint = parse_endpoint(text, default_port);
     if (!endpoint)
         return endpoint.error();
     if (endpoint->host == "localhost") // ZeroMQ would look for a network interface of that name
         endpoint->host = "127.0.0.1";
-    if (!insecure && !is_loopback(*endpoint))
+    if (!open_to_all && !is_loopback(*endpoint))
         return Error{ErrorCode::invalid_argument,
                      to_string(*endpoint) +
-                         " can be reached from other machines, and there are no keys yet to tell "
-                         "friend from stranger: use a loopback address, or say --insecure on a "
-                         "network you trust"};
+                         " can be reached from other machines, and without keys friend cannot be "
+                         "told from stranger: give it --key-file and --allow, use a loopback "
+                         "address, or say --insecure on a network you trust"};
     return to_string(*endpoint);
 }
 

@@ -36,10 +36,10 @@ struct Endpoint {
 /// Whether only this machine can reach it: 127.0.0.0/8, ::1, localhost, ipc, inproc.
 [[nodiscard]] bool is_loopback(const Endpoint& endpoint);
 
-/// An endpoint as a socket binds it. Without `insecure` one that other machines can reach is
-/// refused: nobody has keys yet.
+/// An endpoint as a socket binds it. Unless it is `open_to_all`, having keys or on somebody's word,
+/// one that other machines can reach is refused.
 [[nodiscard]] Result<std::string> endpoint_to_bind(std::string_view text,
-                                                   std::uint16_t default_port, bool insecure);
+                                                   std::uint16_t default_port, bool open_to_all);
 
 /// An endpoint as a socket connects to it. One that is only good to listen at (host *, port 0) or
 /// that does not leave this process is refused.

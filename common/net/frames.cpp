@@ -184,6 +184,10 @@ void publish_packet(zmq::socket_t& socket, std::string_view topic, const protoco
         (void)send_blob(socket, packet.blobs[i], i + 1 < packet.blobs.size());
 }
 
+void send_text(zmq::socket_t& socket, std::string_view text, bool more) {
+    (void)send_copy(socket, text.data(), text.size(), more);
+}
+
 SendStatus send_probe(zmq::socket_t& socket, std::string_view peer) {
     const auto status = send_envelope(socket, peer);
     if (status == SendStatus::sent)

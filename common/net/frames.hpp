@@ -38,6 +38,9 @@ SendStatus send_packed(zmq::socket_t& socket, std::string_view peer, const Blob&
 /// On the stream: topic, header, body and blobs, which are not copied.
 void publish_packet(zmq::socket_t& socket, std::string_view topic, const protocol::Packet& packet);
 
+/// A part of a message, copied; waits for nobody: it is for peers in this process, which read.
+void send_text(zmq::socket_t& socket, std::string_view text, bool more);
+
 /// A message of one empty frame: all that a connection says of itself when it has been made
 /// (PROBE_ROUTER), and that is sent to see whether a peer is there. It has nothing to tell.
 SendStatus send_probe(zmq::socket_t& socket, std::string_view peer);

@@ -1,11 +1,17 @@
 #include "common/net/sockets.hpp"
 
+#include "common/net/clock.hpp"
+#include "common/net/doorman.hpp"
+#include "common/net/endpoint.hpp"
 #include "common/net/frames.hpp"
+#include "common/net/handshakes.hpp"
 #include "common/protocol/packing.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <mutex>
 #include <utility>
 #include <zmq.hpp>
 
@@ -36,6 +42,9 @@ constexpr auto transport_silence_max = 30s; // generous: beats also pause during
 constexpr int keepalive_idle_s = 10, keepalive_interval_s = 5, keepalive_probes = 4;
 constexpr auto reconnect_min = 100ms;
 constexpr auto reconnect_max = 3s;
+/// libzmq gives up who says no, and we try again, as allow-lists change. Who is not told of a
+/// refusal (Telling::nothing) takes so long without a connection for one.
+constexpr Duration readmission_pause = 2s, silent_readmission_pause = 15s;
 
 int milliseconds(std::chrono::milliseconds d) {
     return static_cast<int>(d.count());
@@ -100,9 +109,20 @@ void set_linger_of(zmq::socket_t& socket, Duration linger) {
 
 struct Context::Impl {
     zmq::context_t context;
+    std::optional<Keys> keys;
+    std::mutex mutex;
+    std::shared_ptr<Doorman> doorman; // guarded by it
+    std::atomic<std::uint64_t> keyless_count = 0;
+
+    explicit Impl(std::optional<Keys> own) : keys(std::move(own)) {}
+    ~Impl() { context.shutdown(); } // so that the doorman ends
+    [[nodiscard]] std::shared_ptr<Doorman> the_doorman() {
+        const std::lock_guard lock(mutex);
+        return doorman;
+    }
 };
 
-Context::Context() : impl_(std::make_unique<Impl>()) {
+Context::Context(std::optional<Keys> keys) : impl_(std::make_unique<Impl>(std::move(keys))) {
     impl_->context.set(zmq::ctxopt::max_sockets, sockets_max);
     impl_->context.set(zmq::ctxopt::blocky, false);
 }
@@ -110,8 +130,49 @@ Context::~Context() = default;
 Context::Context(Context&&) noexcept = default;
 Context& Context::operator=(Context&&) noexcept = default;
 
+Result<void> Context::admit(AllowList list) const {
+    FRAJA_ASSERT(impl_->keys);
+    list.add_brokers(impl_->keys->own.public_key);
+    const std::lock_guard lock(impl_->mutex);
+    if (impl_->doorman) {
+        impl_->doorman->replace(std::move(list));
+        return {};
+    }
+    try {
+        impl_->doorman = std::make_shared<Doorman>(impl_->context, std::move(list));
+        return {};
+    } catch (const zmq::error_t& e) {
+        return Error{ErrorCode::io, std::string("cannot look at keys: ") + e.what()};
+    }
+}
+
+std::shared_ptr<const AllowList> Context::admitted() const {
+    const auto doorman = impl_->the_doorman();
+    return doorman ? doorman->list() : nullptr;
+}
+
+std::uint64_t Context::refused_count() const {
+    const auto doorman = impl_->the_doorman();
+    return doorman ? doorman->refused_count() : 0;
+}
+
+std::uint64_t Context::keyless_count() const {
+    return impl_->keyless_count;
+}
+
+std::vector<Stranger> Context::take_strangers() const {
+    const auto doorman = impl_->the_doorman();
+    return doorman ? doorman->take_strangers() : std::vector<Stranger>();
+}
+
 struct SocketImpl {
     zmq::socket_t socket;
+    // Of one that is bound:
+    std::optional<Keyless> keyless = {};
+    // Of a DealerSocket:
+    std::string endpoint = {};
+    std::optional<Handshakes> handshakes = {};
+    std::optional<Instant> unsent_since = {};
 };
 
 namespace {
@@ -121,6 +182,32 @@ std::unique_ptr<SocketImpl> open(const Context& context, zmq::socket_type type) 
         SocketImpl{zmq::socket_t(context.impl().context, type)}); // Clang 14 wants the braces
     set_common_options(impl->socket);
     return impl;
+}
+
+/// Of a socket that binds, before it does.
+void set_server_keys(SocketImpl& impl, const Context& context, const char* door) {
+    if (!context.admitted())
+        return;
+    zmq::socket_t& socket = impl.socket;
+    impl.keyless.emplace(context.impl().context, socket, context.impl().keyless_count);
+    socket.set(zmq::sockopt::curve_server, true);
+    socket.set(zmq::sockopt::curve_secretkey, context.impl().keys->own.secret.text());
+    socket.set(zmq::sockopt::zap_domain, door);
+}
+
+void look_for_keyless(SocketImpl& impl) {
+    if (impl.keyless)
+        impl.keyless->look();
+}
+
+/// Of a socket that connects, before it does. What does not leave the process is not encrypted.
+void set_client_keys(zmq::socket_t& socket, const Context& context, std::string_view endpoint) {
+    const auto& keys = context.impl().keys;
+    if (!keys || endpoint.starts_with("inproc:"))
+        return;
+    socket.set(zmq::sockopt::curve_serverkey, keys->broker.text);
+    socket.set(zmq::sockopt::curve_publickey, keys->own.public_key.text);
+    socket.set(zmq::sockopt::curve_secretkey, keys->own.secret.text());
 }
 
 } // namespace
@@ -150,13 +237,14 @@ bool Socket::readable() const {
 
 namespace {
 
-Result<std::unique_ptr<SocketImpl>> bind_router(const Context& context,
-                                                const std::string& endpoint) {
+Result<std::unique_ptr<SocketImpl>> bind_router(const Context& context, const std::string& endpoint,
+                                                const char* door) {
     try {
         auto router = open(context, zmq::socket_type::router);
         router->socket.set(zmq::sockopt::router_mandatory, true);
         router->socket.set(zmq::sockopt::sndhwm, router_queue_max);
         router->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
+        set_server_keys(*router, context, door);
         set_family_for_bind(router->socket, endpoint);
         router->socket.bind(endpoint);
         return router;
@@ -165,31 +253,38 @@ Result<std::unique_ptr<SocketImpl>> bind_router(const Context& context,
     }
 }
 
-std::optional<RoutedMessage> take_routed(zmq::socket_t& socket) {
+/// `doorman` may be null.
+std::optional<RoutedMessage> take_routed(zmq::socket_t& socket, const Doorman* doorman) {
     zmq::message_t id;
     if (!take(socket, id))
         return std::nullopt;
-    return RoutedMessage{id.to_string(), take_frames(socket, take_next(socket))};
+    zmq::message_t first = take_next(socket);
+    // libzmq 4.3.4 may have lost what it knows of the connection at the id frame.
+    auto holder = doorman ? doorman->holder(first.gets("User-Id")) : nullptr;
+    return RoutedMessage{id.to_string(), take_frames(socket, std::move(first)), std::move(holder)};
 }
 
 } // namespace
 
-RouterSocket::RouterSocket(std::unique_ptr<SocketImpl> impl)
-    : Socket(std::move(impl)), unsent_(router_unsent_bytes_max) {}
+RouterSocket::RouterSocket(std::unique_ptr<SocketImpl> impl, const Context& context)
+    : Socket(std::move(impl)), context_(&context), doorman_(context.impl().the_doorman()),
+      unsent_(router_unsent_bytes_max) {}
 
 Result<RouterSocket> RouterSocket::bind(const Context& context, const std::string& endpoint) {
-    auto router = bind_router(context, endpoint);
+    auto router = bind_router(context, endpoint, session_door);
     if (!router)
         return router.error();
-    RouterSocket socket(std::move(*router));
+    RouterSocket socket(std::move(*router), context);
     socket.bound_ = socket.impl_->socket.get(zmq::sockopt::last_endpoint);
     return socket;
 }
 
 std::optional<RoutedMessage> RouterSocket::receive() {
-    auto message = take_routed(impl_->socket);
+    auto message = take_routed(impl_->socket, doorman_.get());
     while (calls_ && message && is_probe(message->frames)) // of those whom we have called ourselves
-        message = take_routed(impl_->socket);
+        message = take_routed(impl_->socket, doorman_.get());
+    if (!message)
+        look_for_keyless(*impl_);
     return message;
 }
 
@@ -208,6 +303,7 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
         socket.set(zmq::sockopt::immediate, true); // a probe for each connection, not for the first
         set_transport_beats(socket);
         set_options_to_connect(socket);
+        set_client_keys(socket, *context_, endpoint);
         socket.connect(endpoint);
         calls_ = true;
         return {};
@@ -218,11 +314,14 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
 
 // --------------------------------------------------------------------------------- ROUTER, called
 
+CalleeSocket::CalleeSocket(std::unique_ptr<SocketImpl> impl, const Context& context)
+    : Socket(std::move(impl)), doorman_(context.impl().the_doorman()) {}
+
 Result<CalleeSocket> CalleeSocket::bind(const Context& context, const std::string& endpoint) {
-    auto router = bind_router(context, endpoint);
+    auto router = bind_router(context, endpoint, call_door);
     if (!router)
         return router.error();
-    return CalleeSocket(std::move(*router));
+    return CalleeSocket(std::move(*router), context);
 }
 
 std::string CalleeSocket::endpoint() const {
@@ -231,10 +330,16 @@ std::string CalleeSocket::endpoint() const {
 
 std::optional<Frames> CalleeSocket::receive() {
     for (int i = 0; i < unheard_max; ++i) {
-        auto message = take_routed(impl_->socket);
-        if (!message)
+        auto message = take_routed(impl_->socket, doorman_.get());
+        if (!message) {
+            look_for_keyless(*impl_);
             return std::nullopt;
-        if (is_probe(message->frames))
+        }
+        if (message->holder && !message->holder->roles.has_any(protocol::caller_roles)) {
+            std::erase(waiting_, message->peer);
+            if (caller_ != 0 && message->peer == peer_)
+                pass_on();
+        } else if (is_probe(message->frames))
             note_call(std::move(message->peer));
         else if (caller_ != 0 && message->peer == peer_)
             return std::move(message->frames);
@@ -292,7 +397,8 @@ void CalleeSocket::pass_on() {
 
 // ----------------------------------------------------------------------------------------- DEALER
 
-Result<DealerSocket> DealerSocket::connect(const Context& context, const std::string& endpoint) {
+Result<DealerSocket> DealerSocket::connect(const Context& context, const std::string& endpoint,
+                                           Telling telling) {
     try {
         DealerSocket dealer(open(context, zmq::socket_type::dealer));
         dealer.impl_->socket.set(zmq::sockopt::immediate, true); // queue for connections that stand
@@ -300,6 +406,11 @@ Result<DealerSocket> DealerSocket::connect(const Context& context, const std::st
         dealer.impl_->socket.set(zmq::sockopt::rcvhwm, 0); // what comes was asked for
         set_transport_beats(dealer.impl_->socket);
         set_options_to_connect(dealer.impl_->socket);
+        set_client_keys(dealer.impl_->socket, context, endpoint);
+        if (telling == Telling::refusals && !endpoint.starts_with("inproc:"))
+            dealer.impl_->handshakes.emplace(context.impl().context, dealer.impl_->socket,
+                                             context.impl().keys.has_value());
+        dealer.impl_->endpoint = endpoint;
         dealer.impl_->socket.connect(endpoint);
         return dealer;
     } catch (const zmq::error_t& e) {
@@ -317,8 +428,55 @@ std::optional<Frames> DealerSocket::receive() {
     return take_frames(impl_->socket, std::move(first));
 }
 
+namespace {
+
+void connect_anew(SocketImpl& dealer) {
+    try {
+        dealer.socket.disconnect(dealer.endpoint);
+    } catch (const zmq::error_t& e) {
+        if (e.num() != ENOENT)
+            throw;
+    }
+    dealer.socket.connect(dealer.endpoint);
+}
+
+void look_for_refusal(SocketImpl& dealer) {
+    const Instant now = net::now();
+    auto& handshakes = dealer.handshakes;
+    if (handshakes)
+        handshakes->look();
+    if (handshakes && !handshakes->is_over()) {
+        dealer.unsent_since.reset();
+    } else if (!dealer.unsent_since) {
+        dealer.unsent_since = now;
+    } else if (now - *dealer.unsent_since >=
+               (handshakes ? readmission_pause : silent_readmission_pause)) {
+        dealer.unsent_since.reset();
+        if (handshakes)
+            handshakes->begin_anew();
+        connect_anew(dealer);
+    }
+}
+
+} // namespace
+
 SendStatus DealerSocket::send(const protocol::Packet& packet) {
-    return send_packet(impl_->socket, std::nullopt, packet);
+    const SendStatus status = send_packet(impl_->socket, std::nullopt, packet);
+    if (impl_->endpoint.starts_with("inproc:"))
+        return status;
+    if (status != SendStatus::sent) {
+        look_for_refusal(*impl_);
+    } else {
+        impl_->unsent_since.reset();
+        if (impl_->handshakes)
+            impl_->handshakes->forget();
+    }
+    return status;
+}
+
+const std::string& DealerSocket::refusal() const {
+    static const std::string none;
+    return impl_->handshakes ? impl_->handshakes->why() : none;
 }
 
 void DealerSocket::set_linger(Duration linger) {
@@ -334,6 +492,7 @@ std::unique_ptr<SocketImpl> open_publisher(const Context& context) {
     publisher->socket.set(zmq::sockopt::sndhwm, stream_queue_max);
     publisher->socket.set(zmq::sockopt::rcvhwm, router_queue_max);
     publisher->socket.set(zmq::sockopt::maxmsgsize, subscriber_frame_bytes_max);
+    set_server_keys(*publisher, context, stream_door);
     return publisher;
 }
 
@@ -387,8 +546,10 @@ std::optional<SubscriptionChange> PublisherSocket::receive() {
         topics_.erase(change->topic); // nobody has been told of it
         cut_off_all();
     }
-    if (unsubscribed_.empty())
+    if (unsubscribed_.empty()) {
+        look_for_keyless(*impl_);
         return std::nullopt;
+    }
     SubscriptionChange gone{std::move(unsubscribed_.back()), false};
     unsubscribed_.pop_back();
     return gone;
@@ -427,6 +588,7 @@ Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,
         SubscriberSocket subscriber(open(context, zmq::socket_type::sub));
         subscriber.impl_->socket.set(zmq::sockopt::rcvhwm, stream_queue_max);
         set_options_to_connect(subscriber.impl_->socket);
+        set_client_keys(subscriber.impl_->socket, context, endpoint);
         subscriber.impl_->socket.connect(endpoint);
         return subscriber;
     } catch (const zmq::error_t& e) {

@@ -1,5 +1,5 @@
-// The sockets: with frames.hpp, the only code that knows ZeroMQ. Options and their reasons are
-// those of ARCHITECTURE.md.
+// The sockets: with frames.hpp, keys, doorman and handshakes, the only code that knows ZeroMQ.
+// Options and their reasons are those of ARCHITECTURE.md.
 //
 // A socket belongs to one thread at a time. Nothing here blocks but `wait`.
 #pragma once
@@ -7,6 +7,8 @@
 #include "common/base/bytes.hpp"
 #include "common/base/instant.hpp"
 #include "common/base/result.hpp"
+#include "common/net/allow_list.hpp"
+#include "common/net/keys.hpp"
 #include "common/net/unsent.hpp"
 #include "common/protocol/codec.hpp"
 
@@ -22,14 +24,37 @@
 
 namespace fraja::net {
 
+/// Whose key was refused.
+struct Stranger {
+    std::string key; ///< Z85
+    std::string address;
+    std::string why; ///< for people
+};
+
 /// Owns the I/O thread; outlives its sockets. Peers in one process meet through one context
 /// (inproc). May be shared between threads.
 class Context {
 public:
-    Context();
+    /// With keys what leaves this process is encrypted, and goes to nobody but Keys::broker.
+    explicit Context(std::optional<Keys> keys = {});
     ~Context();
     Context(Context&&) noexcept;
     Context& operator=(Context&&) noexcept;
+
+    /// From now on whoever connects to a socket that is bound (but for inproc) shows a key of the
+    /// list, or the own one, which other brokers of the farm have. Called again it replaces the
+    /// list: what RouterSocket says of senders follows at once, connections that stand are not
+    /// ended. Call it first before anything is bound, and with keys. Errors: io.
+    [[nodiscard]] Result<void> admit(AllowList list) const;
+    /// Null: everybody may come in.
+    [[nodiscard]] std::shared_ptr<const AllowList> admitted() const;
+    /// Handshakes that were refused over a key, so far.
+    [[nodiscard]] std::uint64_t refused_count() const;
+    /// Handshakes that ended before a key was shown, so far: of peers that have none, know another
+    /// farm's, or speak something else.
+    [[nodiscard]] std::uint64_t keyless_count() const;
+    /// Of these since the last time, each key once in a while, and no more than a log bears.
+    [[nodiscard]] std::vector<Stranger> take_strangers() const;
 
     struct Impl;
     [[nodiscard]] Impl& impl() const { return *impl_; }
@@ -73,7 +98,10 @@ protected:
 struct RoutedMessage {
     PeerId peer;
     Frames frames;
+    /// Whose key the connection showed, as the list has it now. Null: there are no keys here.
+    AllowList::Holder holder;
 };
+class Doorman;
 
 /// The broker's side of every session.
 class RouterSocket : public Socket {
@@ -88,19 +116,21 @@ public:
     /// `full` also when too many bytes wait for it.
     SendStatus send(const PeerId& peer, const protocol::Packet& packet);
     /// Besides, connects to a CalleeSocket; again and again, as a DealerSocket does. It is a peer
-    /// when it has said something.
+    /// when it has said something. The context stays where it is.
     [[nodiscard]] Result<void> call(const std::string& endpoint);
 
 private:
-    explicit RouterSocket(std::unique_ptr<SocketImpl> impl);
+    RouterSocket(std::unique_ptr<SocketImpl> impl, const Context& context);
+    const Context* context_;
     std::string bound_;
+    std::shared_ptr<const Doorman> doorman_; // null: there are no keys
     Unsent unsent_;
     bool calls_ = false;
 };
 
 /// A worker's side where brokers connect to it: the broker's RouterSocket calls. One caller is
 /// served at a time, for as long as it is there; others wait for their turn, in the order in which
-/// they called, and are not heard meanwhile.
+/// they called, and are not heard meanwhile. Nor is who has lost the right to call.
 class CalleeSocket : public Socket {
 public:
     /// Errors: as RouterSocket::bind.
@@ -123,24 +153,32 @@ public:
     void set_linger(Duration linger);
 
 private:
-    using Socket::Socket;
+    CalleeSocket(std::unique_ptr<SocketImpl> impl, const Context& context);
     void note_call(PeerId peer);
     [[nodiscard]] bool is_there(const PeerId& peer);
     void pass_on();
 
-    PeerId peer_; // of caller_
+    std::shared_ptr<const Doorman> doorman_; // null: there are no keys
+    PeerId peer_;                            // of caller_
     std::uint64_t caller_ = 0, callers_so_far_ = 0;
     std::deque<PeerId> waiting_;
 };
 
-/// A worker's or client's side. It reconnects by itself, for ever, with back-off.
+/// A worker's or client's side. It reconnects by itself, for ever, with back-off, as long as
+/// somebody tries to send: also where it was refused.
 class DealerSocket : public Socket {
 public:
+    /// Whether refusal() is known, which takes two more sockets.
+    enum class Telling : bool { nothing, refusals };
     [[nodiscard]] static Result<DealerSocket> connect(const Context& context,
-                                                      const std::string& endpoint);
+                                                      const std::string& endpoint,
+                                                      Telling telling = Telling::refusals);
     [[nodiscard]] std::optional<Frames> receive();
     /// `full` also when there is no connection at the moment.
     SendStatus send(const protocol::Packet& packet);
+    /// Why whoever listens there does not let us in, for people: keys that do not fit. Found out
+    /// when nothing could be sent; empty: nothing is known of that.
+    [[nodiscard]] const std::string& refusal() const;
     /// How long destruction waits for what was sent: zero unless a Goodbye is worth a moment.
     void set_linger(Duration linger);
 
@@ -167,13 +205,14 @@ public:
     [[nodiscard]] std::optional<SubscriptionChange> receive();
     /// Never waits: subscribers that are too slow lose the message.
     void publish(std::string_view topic, const protocol::Packet& packet);
+    /// Whoever still may comes back.
+    void cut_off_all();
     /// How often all were cut off.
     [[nodiscard]] std::uint64_t cut_off_count() const { return cut_off_count_; }
 
 private:
     PublisherSocket(std::unique_ptr<SocketImpl> impl, const Context& context,
                     std::size_t topics_max);
-    void cut_off_all();
     [[nodiscard]] bool is_bound_again();
 
     const Context* context_;

@@ -141,10 +141,11 @@ enum class RefusalCode : std::uint8_t {
     conflict, ///< the id is taken by something else
     invalid,  ///< the content makes no sense
     no_such_worker,
+    not_allowed, ///< the peer's key lacks the role for it
 };
 template <>
 struct ValueCount<RefusalCode> {
-    static constexpr unsigned value = 9;
+    static constexpr unsigned value = 10;
 };
 
 enum class FailureCode : std::uint8_t {

@@ -52,16 +52,19 @@ public:
     void subscribe(const JobId& job) { event(TopicSubscribed{protocol::job_topic(job)}); }
 
     void worker_arrives(const PeerId& peer, std::uint8_t id, std::uint32_t threads,
-                        std::uint32_t credit, std::vector<std::string> tags = {}) {
-        say(peer, protocol::WorkerHello{.worker = id_of<WorkerId>(id),
-                                        .incarnation = 1,
-                                        .worker_name = peer,
-                                        .threads = threads,
-                                        .credit = credit,
-                                        .speed_rays_per_s = 0,
-                                        .memory_bytes = 0,
-                                        .tags = std::move(tags),
-                                        .program_version = "test"});
+                        std::uint32_t credit, std::vector<std::string> tags = {},
+                        const Holder& holder = {}) {
+        event(PeerSaid{peer,
+                       protocol::WorkerHello{.worker = id_of<WorkerId>(id),
+                                             .incarnation = 1,
+                                             .worker_name = peer,
+                                             .threads = threads,
+                                             .credit = credit,
+                                             .speed_rays_per_s = 0,
+                                             .memory_bytes = 0,
+                                             .tags = std::move(tags),
+                                             .program_version = "test"},
+                       holder});
     }
     void client_arrives(const PeerId& peer) { say(peer, protocol::ClientHello{peer, "test"}); }
 

@@ -43,6 +43,7 @@ Report some_report() {
                   .unexpected = 25,
                   .stale_answers = 26,
                   .peers_refused = 27,
+                  .not_allowed = 56,
                   .workers_lost = 28,
                   .workers_quarantined = 29,
                   .tiles_failed = 30,
@@ -65,6 +66,8 @@ Report some_report() {
     report.received_bytes = 46;
     report.sent_bytes = 47;
     report.published_bytes = 48;
+    report.keys_refused = 57;
+    report.keys_missing = 58;
     report.written = WriterTotals{.commits = 49, .failed_commits = 50, .bytes = 51};
     return report;
 }

@@ -26,6 +26,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
+using namespace std::chrono_literals;
+
 Error refusal(const fs::path& directory) {
     const auto store = Store::open(directory);
     REQUIRE_FALSE(store.has_value());

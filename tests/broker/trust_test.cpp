@@ -1,5 +1,10 @@
 // Tiles that a second worker draws as well, and a worker whose pixels are wrong.
+#include "common/protocol/limits.hpp"
 #include "tests/broker/fleet.hpp"
+
+#include <memory>
+#include <set>
+#include <string_view>
 
 namespace fraja::broker {
 namespace {
@@ -26,15 +31,15 @@ bool is_lie(const TileDone& tile) {
     return joined(tile.blobs).data()[byte_count(tile.blobs) - 1] == std::byte{1};
 }
 
-/// They answer what they are given, `liar` wrongly, until nobody is given anything.
-void work(Farm& farm, const std::vector<PeerId>& workers, const PeerId& liar = {}) {
+/// They answer what they are given, `liars` wrongly, until nobody is given anything.
+void work(Farm& farm, const std::vector<PeerId>& workers, const std::set<PeerId>& liars = {}) {
     for (bool any = true; any;) {
         any = false;
         for (const PeerId& peer : workers) {
             const auto given = farm.tiles(peer);
             for (const RenderTile& tile : given) {
                 any = true;
-                if (peer == liar)
+                if (liars.contains(peer))
                     farm.say(peer, lie(tile));
                 else
                     farm.render(peer, tile);
@@ -97,6 +102,73 @@ TEST_CASE("the share of tiles that is checked is the one that was asked for") {
     CHECK(checks.unchecked == 0);
 }
 
+bool says(const std::string& text, std::string_view words) {
+    return text.find(words) != std::string::npos;
+}
+
+Holder key_of(const std::string& name) {
+    return std::make_shared<KeyHolder>(KeyHolder{"key of " + name, name, {Role::worker}});
+}
+
+TEST_CASE("workers of one key have one voice, whatever they call themselves") {
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 2, {}, key_of("mallory"));
+    farm.worker_arrives("b", 2, 1, 2, {}, key_of("mallory"));
+    SUBCASE("they do not check each other") {
+        const JobId job = farm.submit("client", checked(1, 6));
+        work(farm, {"a", "b"}, {"a", "b"});
+        CHECK(farm.state(job).phase == JobPhase::done);
+        CHECK(farm.state(job).checks == CheckCounts{0, 6});
+        CHECK(std::ranges::any_of(farm.logs, [](const Log& line) {
+            return says(line.text, "there is no second worker with another key");
+        }));
+    }
+    SUBCASE("they do not win against one of another key") {
+        farm.worker_arrives("c", 3, 1, 2, {}, key_of("ada"));
+        const JobId job = farm.submit("client", checked(1, 6));
+        work(farm, {"a", "b", "c"}, {"a", "b"});
+        CHECK(farm.state(job).phase == JobPhase::running);
+        CHECK(farm.state(job).distrusted.empty());
+        CHECK(says(farm.state(job).reason, "one more worker"));
+        // The third one tells: all that has the key of those that lie is out at once.
+        farm.worker_arrives("d", 4, 1, 2, {}, key_of("eve"));
+        work(farm, {"a", "b", "c", "d"}, {"a", "b"});
+        const JobState state = farm.state(job);
+        CHECK(state.phase == JobPhase::done);
+        REQUIRE(state.distrusted.size() == 1);
+        CHECK(state.distrusted[0].worker == drawer_of({}, key_of("mallory")));
+        CHECK(farm.dispatcher.figures().workers_distrusted == 2);
+        CHECK(std::ranges::none_of(picture_of(farm, job), is_lie));
+        CHECK(std::ranges::any_of(farm.logs, [](const Log& line) {
+            return line.kind == "worker_distrusted" &&
+                   says(line.text, "which has the key of mallory,");
+        }));
+        // A new process with a new name is the same one.
+        farm.say("a", Goodbye{});
+        farm.worker_arrives("new", 9, 1, 2, {}, key_of("mallory"));
+        const JobId next = farm.submit("client", checked(2, 6));
+        work(farm, {"c", "d"});
+        CHECK(farm.tiles("new").empty());
+        CHECK(farm.state(next).phase == JobPhase::done);
+    }
+}
+
+TEST_CASE("two keys are two, even where their workers have one name") {
+    Farm farm;
+    for (const char* who : {"ada", "eve"}) {
+        WorkerHello hello;
+        hello.worker = id_of<WorkerId>(who[0] == 'a' ? 1 : 2);
+        hello.incarnation = 1;
+        hello.worker_name = "render";
+        hello.threads = 1;
+        hello.credit = 2;
+        farm.event(PeerSaid{who, hello, key_of(who)});
+    }
+    const JobId job = farm.submit("client", checked(1, 6));
+    work(farm, {"ada", "eve"});
+    CHECK(farm.state(job).checks == CheckCounts{6, 0});
+}
+
 TEST_CASE("without a second worker a job ends, and says what was not checked") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 2);
@@ -135,7 +207,7 @@ TEST_CASE(
         farm.worker_arrives(std::string(1, static_cast<char>('a' + i - 1)), i, 1, 2);
     const JobId job = farm.submit("client", checked(1, 12));
     farm.subscribe(job);
-    work(farm, {"a", "b", "c"}, "b");
+    work(farm, {"a", "b", "c"}, {"b"});
     const JobState state = farm.state(job);
     CHECK(state.phase == JobPhase::done);
     REQUIRE(state.distrusted.size() == 1);
@@ -166,7 +238,7 @@ TEST_CASE("a liar gets nothing, even if it is the last one, until somebody takes
     for (std::uint8_t i = 1; i <= 3; ++i)
         farm.worker_arrives(std::string(1, static_cast<char>('a' + i - 1)), i, 1, 2);
     (void)farm.submit("client", checked(1, 12));
-    work(farm, {"a", "b", "c"}, "b");
+    work(farm, {"a", "b", "c"}, {"b"});
     farm.say("a", Goodbye{});
     farm.say("c", Goodbye{});
     const JobId next = farm.submit(2, 2);
@@ -206,7 +278,7 @@ TEST_CASE("what a liar has drawn for other jobs is drawn again, too") {
     (void)farm.submit("client", checked(1, 6));
     farm.worker_arrives("a", 1, 1, 2);
     farm.worker_arrives("c", 3, 1, 2);
-    work(farm, {"a", "b", "c"}, "b");
+    work(farm, {"a", "b", "c"}, {"b"});
     const JobState state = farm.state(other);
     CHECK(state.phase == JobPhase::done);
     CHECK(state.distrusted.size() == 1);
@@ -219,7 +291,7 @@ TEST_CASE("two workers that disagree draw it again, and then a third is waited f
     farm.worker_arrives("a", 1, 1, 1);
     farm.worker_arrives("b", 2, 1, 1);
     const JobId job = farm.submit("client", checked(1, 2));
-    work(farm, {"a", "b"}, "b");
+    work(farm, {"a", "b"}, {"b"});
     farm.pass(farm.limits.heartbeat / 2);
     JobState state = farm.state(job);
     CHECK(state.phase == JobPhase::running);
@@ -228,7 +300,7 @@ TEST_CASE("two workers that disagree draw it again, and then a third is waited f
     CHECK(state.reason.find("one more worker") != std::string::npos);
     CHECK(logged(farm, "tile_contested"));
     farm.worker_arrives("c", 3, 1, 1);
-    work(farm, {"a", "b", "c"}, "b");
+    work(farm, {"a", "b", "c"}, {"b"});
     state = farm.state(job);
     CHECK(state.phase == JobPhase::done);
     REQUIRE(state.distrusted.size() == 1);

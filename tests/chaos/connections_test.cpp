@@ -4,12 +4,16 @@
 #include "tests/e2e/farm.hpp"
 
 #include <arpa/inet.h>
+#include <array>
+#include <cerrno>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
 #include <fstream>
 #include <netinet/in.h>
+#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -26,8 +30,9 @@ std::string noise(Rng& rng, std::size_t size) {
 }
 
 /// ZMTP 3.0 (rfc.zeromq.org/spec/23): signature, version, mechanism, and 32 bytes of nothing.
-std::string greeting() {
-    std::string bytes("\xff\0\0\0\0\0\0\0\1\x7f\3\0NULL", 16);
+std::string greeting(const std::string& mechanism = "NULL") {
+    std::string bytes("\xff\0\0\0\0\0\0\0\1\x7f\3\0", 12);
+    bytes += mechanism;
     bytes.resize(64);
     return bytes;
 }
@@ -161,4 +166,83 @@ TEST_CASE("hostile connections cost the broker no memory") {
     farm.broker().send(SIGTERM);
     CHECK(farm.broker().wait_for_exit(patience) == 0);
     CHECK(farm.broker().err().find("assert") == std::string::npos);
+}
+
+namespace {
+
+/// Of a handshake of CURVE (rfc.zeromq.org/spec/26): less than the whole, or one that nobody's key
+/// has made.
+std::string beginning_of_handshake(Rng& rng) {
+    const std::string whole =
+        greeting("CURVE") +
+        frame(4, "\5HELLO" + std::string("\1\0", 2) + std::string(72, 0) + noise(rng, 32 + 8 + 80));
+    return rng.below(2) == 0 ? whole : whole.substr(0, rng.below(whole.size()));
+}
+
+/// Whether the other end has closed it, now or within `timeout`.
+bool is_closed(int fd, Duration timeout) {
+    const auto end = std::chrono::steady_clock::now() + timeout;
+    std::array<char, 4096> bytes;
+    for (;;) {
+        const ssize_t n = ::recv(fd, bytes.data(), bytes.size(), MSG_DONTWAIT);
+        if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR))
+            return true;
+        const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
+            end - std::chrono::steady_clock::now());
+        if (left.count() <= 0)
+            return false;
+        pollfd waited{.fd = fd, .events = POLLIN, .revents = 0};
+        (void)::poll(&waited, 1, static_cast<int>(left.count()));
+    }
+}
+
+std::string new_key(const std::string& file) {
+    const auto made = run({{program("fraja-ctl"), "keygen", "-o", file}}, patience);
+    REQUIRE(made.has_value());
+    REQUIRE(made->exit == 0);
+    return made->out.substr(0, made->out.find('\n'));
+}
+
+} // namespace
+
+TEST_CASE("handshakes that nobody finishes are closed, cost no memory, and keep nobody out") {
+    const char* wanted = std::getenv("FRAJA_HANDSHAKES"); // set by tools/chaos
+    const std::size_t count = wanted ? std::strtoull(wanted, nullptr, 10) : 3'000;
+    constexpr std::size_t at_a_time = 600; // the others wait until these are closed, by the broker
+    constexpr double growth_max_mib = 16;
+    const Scratch scratch;
+    const std::string farm_key = new_key(scratch.file("farm.key"));
+    std::ofstream(scratch.file("allow"))
+        << "submit " << new_key(scratch.file("ada.key")) << " ada\n";
+    Farm farm({"--key-file", scratch.file("farm.key"), "--allow", scratch.file("allow")});
+    Rng rng(2);
+    std::deque<int> connections;
+    double before = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+        const int fd =
+            connect_from_somewhere(rng, rng.below(2) == 0 ? farm.endpoint() : farm.stream());
+        const std::string bytes = beginning_of_handshake(rng);
+        static_cast<void>(::send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL));
+        connections.push_back(fd);
+        if (connections.size() == at_a_time) {
+            const auto asked = run({{program("fraja-ctl"), "-b", farm.endpoint(), "--key-file",
+                                     scratch.file("ada.key"), "--broker-key", farm_key, "jobs"}},
+                                   patience);
+            REQUIRE(asked.has_value());
+            CHECK(asked->exit == 0); // beside them all
+            for (; !connections.empty(); connections.pop_front()) {
+                CHECK(is_closed(connections.front(), patience));
+                ::close(connections.front());
+            }
+            if (before == 0)
+                before = resident_mib(farm.broker().pid());
+        }
+    }
+    for (const int fd : connections)
+        ::close(fd);
+    const double after = resident_mib(farm.broker().pid());
+    std::printf("%zu handshakes: %.1f MiB before, %.1f after\n", count, before, after);
+    if (!instrumented)
+        CHECK(after - before < growth_max_mib);
+    CHECK(!farm.broker().wait_for_exit(0s).has_value());
 }

@@ -71,6 +71,32 @@ TEST_CASE("a hello that could not be sent is tried again soon, an unanswered one
     CHECK(d.session.next_deadline() == d.now + 1s);
 }
 
+TEST_CASE("who is not let in by one of several brokers asks the others, and ends when all say no") {
+    const TurnedAway away{"it refuses our key"};
+    const FromBroker not_allowed{
+        protocol::Refused{protocol::RefusalCode::not_allowed, {}, "no role"}};
+    for (const Event& refusal : {Event(away), Event(not_allowed)}) {
+        Driver alone({"a"});
+        CHECK(alone.step(refusal) == Session::Change::refused);
+
+        Driver d({"a", "b"});
+        CHECK(d.step(refusal) == Session::Change::none);
+        CHECK(d.connected_to() == "b");
+        CHECK(d.step(welcome()) == Session::Change::opened); // that one does, and all is forgotten
+        (void)d.step(NotSent{});
+        CHECK(d.connected_to() == "a");
+        CHECK(d.step(refusal) == Session::Change::none);
+        CHECK(d.connected_to() == "b");
+        CHECK(d.step(refusal) == Session::Change::refused);
+        CHECK(d.session.failure().code == ExitCode::refused);
+        CHECK(d.session.failure().reason.starts_with("b: "));
+    }
+    // What an open session may not do is not asked of another broker.
+    Driver open({"a", "b"});
+    (void)open.step(welcome());
+    CHECK(open.step(not_allowed) == Session::Change::refused);
+}
+
 TEST_CASE("no broker within the time to connect is an end") {
     Driver d({"a", "b"});
     std::set<std::string> tried;

@@ -342,8 +342,26 @@ TEST_CASE("slurm/submit gives Slurm the jobs of a farm") {
     CHECK(contains(said(), "FRAJA_WORKER_OPTIONS=--tag a --once\n"));
     CHECK_FALSE(contains(said(), "fraja-broker.sbatch"));
 
+    // The broker's keys are not the workers'.
+    const std::string own = scratch.file("broker.key"), allow = scratch.file("allow");
+    write(own, "not looked into\n");
+    write(allow, "not looked into\n");
+    fs::permissions(own, fs::perms::owner_read);
+    const RunResult keyed = submit_farm(
+        {"--broker-file", file, "--key-file", keys, "--broker-key-file", own, "--allow", allow});
+    INFO(keyed.err);
+    CHECK(keyed.out == "broker 41\nworkers 41\n");
+    const std::string parts = said();
+    const std::size_t middle = parts.find("fraja-worker.sbatch");
+    REQUIRE(middle != std::string::npos);
+    CHECK(parts.find("FRAJA_KEY_FILE=" + own + "\n") < middle);
+    CHECK(parts.find("FRAJA_ALLOW=" + allow + "\n") < middle);
+    CHECK(parts.find("FRAJA_KEY_FILE=" + keys + "\n") > middle);
+    CHECK(parts.find("FRAJA_ALLOW=", middle) == std::string::npos);
+
     write(file, "tcp://h:2\n");
-    fs::permissions(keys, fs::perms::owner_read | fs::perms::others_read);
+    const std::string open = scratch.file("open");
+    write(open, "");
     struct Row {
         Words options;
         std::string says;
@@ -353,7 +371,9 @@ TEST_CASE("slurm/submit gives Slurm the jobs of a farm") {
                            Row{{"--workers", "0"}, "--workers 0"},
                            Row{{"--partition=p"}, "those of sbatch stand behind --"},
                            Row{{"--broker-file", "/no/such/file"}, "there is no such directory"},
-                           Row{{"--broker", "h:1", "--key-file", keys}, "others may read it"}}) {
+                           Row{{"--key-file", keys}, "--broker-key-file and --allow"},
+                           Row{{"--broker", "h:1", "--allow", allow}, "names one that runs"},
+                           Row{{"--broker", "h:1", "--key-file", open}, "others may read it"}}) {
         CAPTURE(row.says);
         const RunResult refused = submit_farm(row.options);
         CHECK(refused.exit == 2);

@@ -1,9 +1,16 @@
 // Several brokers that stand for each other, as processes: any but one of them may die in the
 // middle of a job.
-#include "tests/e2e/farm.hpp"
+#include "common/net/clock.hpp"
+#include "common/net/keys.hpp"
+#include "common/net/sockets.hpp"
+#include "common/protocol/codec.hpp"
+#include "tests/e2e/ring.hpp"
 
+#include <algorithm>
 #include <csignal>
 #include <deque>
+#include <optional>
+#include <variant>
 
 using namespace fraja;
 using namespace fraja::e2e;
@@ -20,7 +27,7 @@ Process start_program(const std::string& name, Words words) {
 /// The first one is alone at first. Each other knows it, and hears of the others from it.
 class Brokers {
 public:
-    explicit Brokers(std::size_t count) {
+    explicit Brokers(std::size_t count, Words options = {}) : options_(std::move(options)) {
         for (std::size_t i = 0; i < count; ++i)
             start(i);
         // What is submitted before they have met is kept by one alone.
@@ -35,6 +42,7 @@ public:
     void start(std::size_t i) {
         Words words{"--heartbeat", instrumented ? "2s" : "500ms", "--state",
                     scratch_.file("broker" + std::to_string(i))};
+        words = with(std::move(words), options_);
         for (const char* option : {"--bind", "--publish"}) {
             words.emplace_back(option);
             words.push_back(endpoints_.size() > i ? (option[2] == 'b' ? endpoints_ : streams_)[i]
@@ -66,17 +74,43 @@ public:
 
 private:
     Scratch scratch_;
-    Words endpoints_, streams_;
+    Words options_, endpoints_, streams_;
     std::deque<Process> processes_;
 };
 
 /// Knows the first broker alone; each of them has welcomed it.
-Process start_worker(Brokers& brokers, std::size_t count, const std::string& name) {
-    Process worker =
-        start_program("fraja-worker", {"-b", brokers.endpoint(0), "-j", "1", "--name", name});
+Process start_worker(Brokers& brokers, std::size_t count, const std::string& name,
+                     const Words& options = {}) {
+    Process worker = start_program(
+        "fraja-worker", with({"-b", brokers.endpoint(0), "-j", "1", "--name", name}, options));
     for (std::size_t i = 0; i < count; ++i)
         brokers.wait_for(i, "worker " + name + " is here");
     return worker;
+}
+
+/// Who says to be a broker, and what it hears; nothing: it is not let in.
+std::optional<protocol::Refused> claim_to_be_broker(const net::Context& context,
+                                                    const std::string& endpoint) {
+    auto socket = net::DealerSocket::connect(context, endpoint);
+    REQUIRE(socket.has_value());
+    protocol::BrokerHello words;
+    words.broker = random_id<BrokerId>();
+    words.endpoint = "tcp://127.0.0.1:1";
+    const auto hello = protocol::encode(words);
+    bool said = false;
+    for (const Instant end = net::now() + patience; net::now() < end; net::wait({*socket}, 10ms)) {
+        said = said || socket->send(hello) == net::SendStatus::sent;
+        if (!said && !socket->refusal().empty())
+            return std::nullopt;
+        while (const auto frames = socket->receive()) {
+            const auto message = protocol::decode(*frames);
+            REQUIRE(message.has_value());
+            REQUIRE(std::holds_alternative<protocol::Refused>(*message));
+            return std::get<protocol::Refused>(*message);
+        }
+    }
+    FAIL("neither let in nor refused");
+    return std::nullopt;
 }
 
 } // namespace
@@ -137,4 +171,71 @@ TEST_CASE("fraja-ctl shows the brokers that were not named, and who leads") {
     INFO(shown->out);
     for (std::size_t i = 0; i < 3; ++i)
         CHECK(contains(shown->out, brokers.endpoint(i) + (i == 0 ? "  leads" : "  stands by")));
+}
+
+TEST_CASE("brokers with keys stand for each other, and nobody else does") {
+    const Ring ring;
+    ring.allow({{"worker", "worker"}, {"second", "worker"}, {"ada", "submit,admin"}});
+    Brokers brokers(3, ring.farm_options());
+    Process one = start_worker(brokers, 3, "one", {"--key-file", ring.file("worker")});
+    Process two = start_worker(brokers, 3, "two", {"--key-file", ring.file("second")});
+
+    // A friend without the role, somebody whom nobody knows, somebody without a key, and a broker
+    // of another farm.
+    const auto context_of = [&](const std::string& name) {
+        const auto pair = net::key_pair(ring.key(name), ring.secret(name));
+        REQUIRE(pair.has_value());
+        return net::Context(net::Keys{*pair, {ring.key("farm")}});
+    };
+    const auto refused = claim_to_be_broker(context_of("worker"), brokers.endpoint(1));
+    REQUIRE(refused.has_value());
+    CHECK(refused->code == protocol::RefusalCode::not_allowed);
+    brokers.wait_for(1, "refused BrokerHello: the key of worker lacks the role broker");
+    CHECK(!claim_to_be_broker(context_of("stranger"), brokers.endpoint(1)));
+    brokers.wait_for(1, "nobody knows it");
+    CHECK(!claim_to_be_broker(net::Context(), brokers.endpoint(1)));
+    brokers.wait_for(1, " ended before a key was shown");
+    Process other = start_program(
+        "fraja-broker", {"--bind", "tcp://127.0.0.1:0", "--publish", "tcp://127.0.0.1:0", "--state",
+                         "none", "--peer", brokers.endpoint(1), "--key-file", ring.file("eve"),
+                         "--broker-key", ring.key("eve"), "--allow", ring.allow_file()});
+    REQUIRE(other.wait_for_words(Process::Stream::err,
+                                 "broker " + brokers.endpoint(1) + " does not let this one in",
+                                 patience));
+    const auto shown = run({{program("fraja-ctl"), "-b", brokers.endpoint(2), "--key-file",
+                             ring.file("ada"), "--json", "brokers"}},
+                           patience);
+    REQUIRE(shown.has_value());
+    CHECK(shown->exit == 0);
+    INFO(shown->out);
+    CHECK(std::ranges::count(shown->out, '\n') == 3);
+
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    Process client =
+        start_program("fraja-submit", with(long_picture(), {"-b", brokers.endpoint(0), "--key-file",
+                                                            ring.file("ada"), "--verify", "0.2",
+                                                            "-o", scratch.file("farm.png")}));
+    brokers.wait_for(0, "queued");
+    for (std::size_t dead = 0; dead < 2; ++dead) {
+        brokers.kill(dead);
+        brokers.wait_for(dead + 1, "this broker leads");
+    }
+    INFO(brokers.at(2).err());
+    INFO(client.err());
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("farm.png")) == want));
+}
+
+TEST_CASE("a broker that has keys and is told of another one's is told how it is meant") {
+    const Ring ring;
+    ring.allow({{"worker", "worker"}});
+    const auto ran =
+        run({{program("fraja-broker"), "--state", "none", "--bind", "tcp://127.0.0.1:0",
+              "--publish", "tcp://127.0.0.1:0", "--peer", "tcp://127.0.0.1:1", "--key-file",
+              ring.file("farm"), "--broker-key", ring.key("eve"), "--allow", ring.allow_file()}},
+            patience);
+    REQUIRE(ran.has_value());
+    CHECK(ran->exit != 0);
+    CHECK(contains(ran->err, "have one key, that of --key-file; here --broker-key names another"));
 }

@@ -28,7 +28,7 @@ using namespace std::chrono_literals;
 
 constexpr const char* usage =
     "usage: broker [--tiles N] [--workers N] [--credit N] [--runs N] [--in DIRECTORY] "
-    "[--way broker,scraped,watcher,watchers,store] [--csv FILE]";
+    "[--way broker,keys,scraped,watcher,watchers,store] [--csv FILE]";
 
 struct Arguments {
     LoadOptions load;
@@ -73,13 +73,24 @@ private:
     std::jthread scraper_;
 };
 
+/// That lists nobody: the farm's own key is let in by itself.
+std::filesystem::path allow_file() {
+    const auto file = std::filesystem::temp_directory_path() /
+                      ("fraja-bench-allow-" + to_string(random_id<JobId>()));
+    std::fclose(std::fopen(file.c_str(), "w"));
+    return file;
+}
+
 /// Runs a broker here, in the main thread as fraja-broker does, while `use(endpoint, stream)` goes
 /// on in another one.
 template <class Use>
-void run_broker_while(const std::filesystem::path& state, bool is_scraped, Use use) {
+void run_broker_while(const std::filesystem::path& state, const std::optional<net::Keys>& keys,
+                      bool is_scraped, Use use) {
     broker::Control control;
     std::jthread user;
     broker::Options options;
+    if (keys)
+        options.allow = allow_file();
     options.bind = options.publish = "tcp://127.0.0.1:0";
     options.state = state;
     options.limits.heartbeat = 1min; // the workers do not beat
@@ -92,8 +103,11 @@ void run_broker_while(const std::filesystem::path& state, bool is_scraped, Use u
     std::optional<Scraped> scraped;
     if (is_scraped)
         scraped.emplace(options);
-    const net::Context context;
-    if (const auto ran = broker::run_broker(context, options, control); !ran)
+    const net::Context context(keys);
+    const auto ran = broker::run_broker(context, options, control);
+    if (keys)
+        std::filesystem::remove(options.allow);
+    if (!ran)
         fail(ran.error().message);
 }
 
@@ -141,14 +155,13 @@ void submit(const net::Context& context, const std::string& endpoint, const JobI
 struct Way {
     const char* name;
     std::uint32_t watchers;
-    bool keeps, is_scraped;
+    bool keeps, is_scraped, has_keys;
     double mark; ///< of the bare rate, at 64 workers and 20,000 tiles; 0: none
 };
-constexpr Way ways[] = {{"broker", 0, false, false, 0.85},
-                        {"scraped", 0, false, true, 0},
-                        {"watcher", 1, false, false, 0.65},
-                        {"watchers", 8, false, false, 0.55},
-                        {"store", 0, true, false, 0}};
+constexpr Way ways[] = {
+    {"broker", 0, false, false, false, 0.85},   {"keys", 0, false, false, true, 0},
+    {"scraped", 0, false, true, false, 0},      {"watcher", 1, false, false, false, 0.65},
+    {"watchers", 8, false, false, false, 0.55}, {"store", 0, true, false, false, 0}};
 
 bool is_wanted(const std::string& names, const Way& way) {
     return names.empty() ||
@@ -180,26 +193,33 @@ Outcome run(const Arguments& arguments, const Way& way) {
     if (way.keeps)
         state = arguments.directory / ("fraja-bench-" + to_string(random_id<JobId>()));
     Outcome outcome;
+    LoadOptions load_options = arguments.load;
+    if (way.has_keys) {
+        net::KeyPair pair = net::make_key_pair();
+        net::PublicKey farm = pair.public_key;
+        load_options.keys = net::Keys{std::move(pair), std::move(farm)};
+    }
     const CpuTime cpu;
-    run_broker_while(
-        state, way.is_scraped, [&](const std::string& endpoint, const std::string& stream) {
-            const net::Context context;
-            const auto job = random_id<JobId>();
-            std::optional<WatcherLoad> watchers;
-            if (way.watchers > 0)
-                watchers.emplace(stream, way.watchers, job);
-            const WorkerLoad load(endpoint, arguments.load);
-            while (!load.all_welcome())
-                std::this_thread::sleep_for(1ms);
-            submit(context, endpoint, job, arguments.load.tiles);
-            while (load.orders() < arguments.load.tiles)
-                std::this_thread::sleep_for(1ms);
-            outcome.tiles_per_s = load.orders_per_s();
-            outcome.cpu_us = cpu.us() / arguments.load.tiles;
-            if (watchers)
-                outcome.watched = static_cast<double>(watchers->tiles()) /
-                                  (static_cast<double>(arguments.load.tiles) * way.watchers);
-        });
+    run_broker_while(state, load_options.keys, way.is_scraped,
+                     [&](const std::string& endpoint, const std::string& stream) {
+                         const net::Context context(load_options.keys);
+                         const auto job = random_id<JobId>();
+                         std::optional<WatcherLoad> watchers;
+                         if (way.watchers > 0)
+                             watchers.emplace(stream, way.watchers, job);
+                         const WorkerLoad load(endpoint, load_options);
+                         while (!load.all_welcome())
+                             std::this_thread::sleep_for(1ms);
+                         submit(context, endpoint, job, arguments.load.tiles);
+                         while (load.orders() < arguments.load.tiles)
+                             std::this_thread::sleep_for(1ms);
+                         outcome.tiles_per_s = load.orders_per_s();
+                         outcome.cpu_us = cpu.us() / arguments.load.tiles;
+                         if (watchers)
+                             outcome.watched =
+                                 static_cast<double>(watchers->tiles()) /
+                                 (static_cast<double>(arguments.load.tiles) * way.watchers);
+                     });
     std::filesystem::remove_all(state);
     return outcome;
 }

@@ -131,6 +131,11 @@ void WorkerLoad::run(const std::stop_token& stop, const std::string& endpoint) {
     std::vector<zmq::socket_t> sockets;
     for (std::uint32_t i = 0; i < options_.workers; ++i) {
         sockets.push_back(open(context, zmq::socket_type::dealer));
+        if (const auto& keys = options_.keys) {
+            sockets.back().set(zmq::sockopt::curve_serverkey, keys->broker.text);
+            sockets.back().set(zmq::sockopt::curve_publickey, keys->own.public_key.text);
+            sockets.back().set(zmq::sockopt::curve_secretkey, keys->own.secret.text());
+        }
         sockets.back().connect(endpoint);
         const Packet hello = encode(WorkerHello{.worker = random_id<WorkerId>(),
                                                 .incarnation = 1,

@@ -5,10 +5,12 @@
 
 #include "common/base/bytes.hpp"
 #include "common/base/ids.hpp"
+#include "common/net/keys.hpp"
 
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -19,6 +21,7 @@ using BenchClock = std::chrono::steady_clock;
 
 struct LoadOptions {
     std::uint32_t workers = 64, credit = 2, tiles = 20'000, tile_bytes = 24 << 10;
+    std::optional<net::Keys> keys{}; ///< of the workers
 };
 
 /// The message's number in its header; 0: that is none.

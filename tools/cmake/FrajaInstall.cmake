@@ -32,7 +32,7 @@ add_dependencies(programs completion)
 
 install(DIRECTORY scenes/ DESTINATION ${CMAKE_INSTALL_DATADIR}/fraja/scenes COMPONENT client
     FILES_MATCHING PATTERN "*.raj" PATTERN invalid EXCLUDE)
-install(FILES README.md ARCHITECTURE.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/fraja-client COMPONENT client)
+install(FILES README.md ARCHITECTURE.md SECURITY.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/fraja-client COMPONENT client)
 
 # Services are those of the programs that they are called after. They say /usr/bin, where packages put these: under another
 # prefix that is for the administrator to change.

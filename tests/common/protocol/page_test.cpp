@@ -1,6 +1,7 @@
 // PROTOCOL.md is the contract: this reads the page and fails when page and code drift.
 #include "common/protocol/limits.hpp"
 #include "common/protocol/messages.hpp"
+#include "common/protocol/roles.hpp"
 #include "tests/support/messages.hpp"
 
 #include <algorithm>
@@ -276,6 +277,19 @@ TEST_CASE("the page has the version and the enums of the code") {
     check("JobPhase", ValueCount<JobPhase>::value);
     check("RefusalCode", ValueCount<RefusalCode>::value);
     check("FailureCode", ValueCount<FailureCode>::value);
+}
+
+TEST_CASE("the page names the roles that the code asks for") {
+    const Page page = read_page();
+    std::size_t rows = 0;
+    for_each_message_type([&]<class M>(std::type_identity<M>) {
+        CAPTURE(M::name);
+        const auto row = page.rows.find("`" + std::string(M::name) + "`");
+        const std::string needed = alternatives(roles_to_say(M{}));
+        CHECK((row == page.rows.end() ? std::string() : row->second) == needed);
+        rows += !needed.empty();
+    });
+    CHECK(rows == 22);
 }
 
 TEST_CASE("the page says of exactly those messages that carry blobs that they do") {
