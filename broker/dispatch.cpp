@@ -209,7 +209,7 @@ bool Dispatcher::is_waiting_to_be_dealt_out(Job& job) {
     const std::size_t workers_max = job.submission().wishes.workers_max;
     for (const auto& [peer, worker] : workers_)
         if (worker.room() > 0 && suits(worker, peer, job.party()) &&
-            (workers_max == 0 || shares.size() < workers_max))
+            !job.distrusts(worker.drawer) && (workers_max == 0 || shares.size() < workers_max))
             shares.push_back({worker.hello.worker, schedule == Schedule::weighted
                                                        ? speed_of(worker) * worker.hello.threads
                                                        : 1});
