@@ -29,7 +29,7 @@ std::optional<std::string> Dispatcher::resume(Job& job) {
         return std::nullopt;
     if (job.phase != JobPhase::paused)
         return "only a job that is paused can be resumed";
-    if (!job.holds_scene)
+    if (job.is_partial_copy())
         return job.reason;
     job.phase = job.in_flight_count() > 0 ? JobPhase::running : JobPhase::queued;
     keep_phase(job);

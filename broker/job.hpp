@@ -264,6 +264,12 @@ public:
     /// pending.
     [[nodiscard]] Voided void_unchecked();
 
+    /// A copy of one that is done, whose tiles are still to come from another broker: it has no
+    /// scene to draw them from.
+    [[nodiscard]] bool is_partial_copy() const {
+        return phase == protocol::JobPhase::paused && !holds_scene;
+    }
+
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
     /// Its tiles are to be handed out.

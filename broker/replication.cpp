@@ -35,7 +35,7 @@ std::uint64_t digest_of(const JobDigest& job) {
 JobDigests Dispatcher::job_digests() const {
     JobDigests digests;
     for (const auto& [id, job] : jobs_)
-        if (job.phase != JobPhase::waiting_for_scene && !is_order(job))
+        if (job.phase != JobPhase::waiting_for_scene && !is_order(job) && !job.is_partial_copy())
             digests.jobs.push_back({id, job.revision, job.done_hash()});
     return digests;
 }
@@ -77,7 +77,7 @@ void Dispatcher::note_change(Job& job) {
 
 void Dispatcher::tell_changes() {
     for (const JobId& id : std::exchange(changed_jobs_, {}))
-        if (const Job* job = job_of(id))
+        if (const Job* job = job_of(id); job && !job->is_partial_copy())
             tell_all(record_of(*job));
 }
 
@@ -405,8 +405,7 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
 void Dispatcher::give_up_tiles_that_do_not_come() {
     std::vector<JobId> lost;
     for (const auto& [id, job] : jobs_)
-        if (job.phase == JobPhase::paused && !job.holds_scene &&
-            now_ - job.scene_came_on_at > limits_.tiles_patience)
+        if (job.is_partial_copy() && now_ - job.scene_came_on_at > limits_.tiles_patience)
             lost.push_back(id);
     for (const JobId& id : lost) {
         const Job& job = jobs_.at(id);

@@ -12,7 +12,6 @@ namespace {
 
 constexpr const char* zap_endpoint = "inproc://zeromq.zap.01";
 constexpr std::size_t request_frames = 9; // envelope, delimiter, version, ... mechanism, key
-constexpr std::size_t key_bytes = 32;
 constexpr Duration told_interval = std::chrono::minutes(10);
 constexpr std::size_t strangers_told_max = 1'000; // within that
 

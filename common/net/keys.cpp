@@ -14,7 +14,6 @@
 namespace fraja::net {
 namespace {
 
-constexpr std::size_t key_bytes = 32;
 using Text = std::array<char, key_characters + 1>;
 
 /// As zmq_z85_decode() wants it, which complains to nobody of some bytes that are none.

@@ -16,6 +16,7 @@ namespace fraja::net {
 
 /// Of a key as people see it: Z85 (RFC 32), printable.
 inline constexpr std::size_t key_characters = 40;
+inline constexpr std::size_t key_bytes = 32; ///< that these stand for
 
 struct PublicKey {
     std::string text; ///< key_characters of them
