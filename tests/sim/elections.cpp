@@ -322,9 +322,10 @@ private:
             worker.term = node.rule->term();
         }
         ++report_.tiles;
-        report_.replaced += worker.left.contains(node.reign);
-        if (worker.reign != node.reign)
+        if (worker.reign != node.reign) {
+            report_.replaced += worker.left.contains(node.reign);
             worker.left.insert(std::exchange(worker.reign, node.reign));
+        }
         for (std::size_t to = 0; to < nodes_.size(); ++to) {
             const bool answers =
                 plan_.rule == ElectionRule::ours ? nodes_[to].rule != nullptr : to == i;

@@ -29,10 +29,11 @@ struct ElectionPlan {
 };
 
 struct ElectionReport {
-    std::uint64_t tiles = 0;     ///< orders that a worker obeyed
-    std::uint64_t replaced = 0;  ///< of these, of a leader that the worker had left for another one
-    Duration without{};          ///< nobody that is up and awake led
-    Duration with_several{};     ///< two or more did, whom no cut kept apart
+    std::uint64_t tiles = 0;    ///< orders that a worker obeyed
+    std::uint64_t replaced = 0; ///< of these, those by which a worker went back to a leader that it
+                                ///< had left for another one
+    Duration without{};         ///< nobody that is up and awake led
+    Duration with_several{};    ///< two or more did, whom no cut kept apart
     std::uint64_t elections = 0; ///< times that somebody began to lead
     std::uint64_t votes = 0;     ///< messages of the election itself, beats included
     double busiest = 0;          ///< orders, answers and tiles for watchers that the busiest broker

@@ -1,4 +1,5 @@
 // fraja-sim: farms in pretend time, each with accidents of its own.
+#include "tests/sim/elections.hpp"
 #include "tests/sim/scenario.hpp"
 
 #include <charconv>
@@ -6,6 +7,7 @@
 #include <cstdio>
 #include <fmt/core.h>
 #include <string_view>
+#include <utility>
 
 namespace {
 
@@ -13,6 +15,7 @@ using namespace fraja;
 
 constexpr auto usage =
     "fraja-sim [--brokers B] ([--hours H] [--from S] [--failures N] | --seed S)\n"
+    "fraja-sim --elections [--brokers B] [--hours H] [--from S]\n"
     "Farms in pretend time. As the seed will have it: delay, duplicates, broken connections,\n"
     "partitions of one node or many, crashes, hangs, slow machines, bad disks, wrong clocks.\n"
     "  --brokers B   stand for each other in each farm, which has no branches then; without it in\n"
@@ -21,6 +24,9 @@ constexpr auto usage =
     "  --from S      the first farm's seed; 1 without it\n"
     "  --failures N  are enough: ends then\n"
     "  --seed S      that farm alone, with all that its programs say\n"
+    "  --elections   no farms, but who leads, by our rule and by the bully algorithm, with the "
+    "same\n"
+    "                crashes, cuts and hangs; of 3 brokers without --brokers\n"
     "INT and TERM end it after the farm at hand.\n";
 
 volatile std::sig_atomic_t asked_to_end = 0;
@@ -44,7 +50,7 @@ struct Options {
     double hours = 10;
     std::uint64_t from = 1, failures_max = UINT64_MAX;
     std::size_t brokers = 0; // 0: as the seed will have it
-    bool one = false;
+    bool one = false, elections = false;
 };
 
 template <class T>
@@ -64,15 +70,47 @@ bool read_option(std::string_view word, const char* value, Options& options) {
                                                   : false;
 }
 
+void compare_elections(const Options& options) {
+    fmt::print("{:<6} {:>9} {:>9} {:>12} {:>14} {:>12} {:>10} {:>9}\n", "rule", "tiles", "obeyed *",
+               "nobody, %", "several, %", "elections/h", "votes/s", "busiest");
+    for (const auto& [name, rule] : {std::pair("ours", sim::ElectionRule::ours),
+                                     std::pair("bully", sim::ElectionRule::bully)}) {
+        sim::ElectionPlan plan{.rule = rule, .seed = options.from};
+        if (options.brokers > 0)
+            plan.brokers = options.brokers;
+        plan.time = from_seconds(3600 * options.hours);
+        const sim::ElectionReport report = sim::run_election(plan);
+        const double time_s = seconds(plan.time);
+        fmt::print("{:<6} {:>9} {:>9} {:>12.3f} {:>14.3f} {:>12.1f} {:>10.1f} {:>9.2f}\n", name,
+                   report.tiles, report.replaced, 100 * seconds(report.without) / time_s,
+                   100 * seconds(report.with_several) / time_s,
+                   static_cast<double>(report.elections) / options.hours,
+                   static_cast<double>(report.votes) / time_s, report.busiest);
+    }
+    fmt::print(
+        "* orders by which a worker went back to a leader that it had left for another one.\n"
+        "busiest: orders, answers and tiles for watchers that the busiest broker moved, for each\n"
+        "tile\n");
+}
+
 } // namespace
 
 int main(int argc, char** argv) {
     Options options;
-    for (int i = 1; i < argc; i += 2)
+    int i = 1;
+    if (argc > 1 && argv[1] == std::string_view("--elections")) {
+        options.elections = true;
+        ++i;
+    }
+    for (; i < argc; i += 2)
         if (!read_option(argv[i], argv[i + 1], options)) {
             fmt::print(stderr, "{}", usage);
             return 2;
         }
+    if (options.elections) {
+        compare_elections(options);
+        return 0;
+    }
     Duration total{};
     std::uint64_t events = 0, failed = 0, restarts = 0, tiles = 0, duplicates = 0,
                   seed = options.from;
