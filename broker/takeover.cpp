@@ -89,6 +89,15 @@ void Dispatcher::end_gathering() {
         look_ready(job);
     for (const JobId& id : done)
         end_if_done(jobs_.at(id));
+    std::size_t in_hand = 0;
+    for (const auto& [peer, worker] : workers_)
+        in_hand += worker.grants.size();
+    log({.level = LogLevel::info,
+         .kind = "took_over",
+         .subject = {},
+         .text = "has taken over: " + counted(in_hand, "tile") + " at " +
+                 counted(workers_.size(), "worker") + ", " + counted(ready_.size(), "job") +
+                 " to go on with"});
 }
 
 void Dispatcher::stop_leading() {

@@ -158,6 +158,96 @@ TEST_CASE("a worker that is drained at one broker gets nothing of the one that l
     CHECK(fleet.state(0, job)->phase == JobPhase::done);
 }
 
+TEST_CASE("a job that waits for its scene at one broker is taken from one that has it") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    const SubmitJob picture = Farm::picture(1, 3);
+    fleet.say(1, "c", ClientHello{"c", "test"});
+    fleet.say(1, "c", picture); // the scene never comes there
+    CHECK(fleet.heard<NeedChunk>(1, "c").size() == 1);
+    (void)fleet.submit(0, "c", picture);
+    CHECK(fleet.state(1, picture.job)->phase != JobPhase::waiting_for_scene);
+    fleet.pass(fleet.limits.scene_patience + 2s);
+    CHECK_FALSE(is_over(fleet.state(0, picture.job)->phase));
+    fleet.render_all("w");
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
+}
+
+TEST_CASE("a job that is over is tried again where it was copied without its scene") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    const JobId job = fleet.submit(0, "c", Farm::picture(1, 3));
+    fleet.say(0, "c", ControlJob{job, JobDeed::cancel, 0});
+    fleet.kill(1);
+    fleet.start(1);
+    fleet.greet(1, "w");
+    fleet.pass(4s);
+    REQUIRE(fleet.state(1, job)->phase == JobPhase::cancelled);
+    fleet.say(1, "d", ClientHello{"d", "test"});
+    fleet.say(1, "d", ControlJob{job, JobDeed::retry, 0});
+    fleet.pass(100ms);
+    REQUIRE_FALSE(fleet.heard<JobState>(1, "d").empty());
+    CHECK_FALSE(is_over(fleet.heard<JobState>(1, "d").back().phase));
+    fleet.kill(0); // the scene has come, too
+    fleet.pass(2s);
+    fleet.render_all("w");
+    CHECK(fleet.state(1, job)->phase == JobPhase::done);
+}
+
+TEST_CASE("tiles that only a broker had that is gone are not waited for for ever") {
+    Limits limits;
+    limits.copy_lag = 1h; // its tiles are still on their way when it dies
+    Fleet fleet(2, limits);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    const SubmitJob picture = Farm::picture(1, 3);
+    (void)fleet.submit(0, "c", picture);
+    fleet.render_all("w");
+    REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::done);
+    fleet.kill(1);
+    fleet.start(1);
+    fleet.greet(1, "w");
+    while (!fleet.state(1, picture.job))
+        fleet.pass(25ms);
+    fleet.kill(0);
+    fleet.pass(2s);
+    REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::paused);
+    fleet.say(1, "c", ControlJob{picture.job, JobDeed::resume, 0});
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::paused); // it has no scene
+    fleet.pass(fleet.limits.tiles_patience + 2s);
+    CHECK_FALSE(fleet.state(1, picture.job));
+    (void)fleet.submit(1, "e", picture); // its client, which hears that
+    fleet.pass(3s);
+    fleet.render_all("w");
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
+}
+
+TEST_CASE("of a checked job a standby broker has what the one that leads has, and no more") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    fleet.worker_arrives("v", 2, 2);
+    SubmitJob picture = Farm::picture(1, 4);
+    picture.wishes.verify = 1;
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("w"));
+    CHECK(fleet.state(0, picture.job)->done_count == 1);
+    CHECK(fleet.state(1, picture.job)->done_count == 0);
+    fleet.pass(3s);
+    CHECK(fleet.state(1, picture.job)->done_count == 1);
+    fleet.kill(0);
+    fleet.pass(2s);
+    for (int i = 0; i < 20; ++i) {
+        fleet.render_one("w");
+        fleet.render_one("v");
+    }
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
+    CHECK(fleet.state(1, picture.job)->checks.agreed == 4);
+}
+
 TEST_CASE("two that do not hear each other both lead; when they do, one does, and has it all") {
     Fleet fleet(2);
     fleet.pass(4s);
