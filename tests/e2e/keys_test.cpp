@@ -133,7 +133,7 @@ TEST_CASE("no secret shows in arguments, logs, errors or core dumps") {
     }
     said += ask({program("fraja-submit"), "--check-settings"}).out;
     farm.broker().send(SIGUSR1);
-    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "in flight, ", patience));
+    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "1 job, ", patience));
     for (Process* process : {&farm.broker(), &worker}) {
         const std::string proc = "/proc/" + std::to_string(process->pid());
         std::ifstream arguments(proc + "/cmdline");

@@ -47,6 +47,8 @@ struct Farm {
         Id id;
         for (std::uint8_t& byte : id.bytes)
             byte = static_cast<std::uint8_t>(rng.next());
+        id.bytes[6] =
+            static_cast<std::uint8_t>((id.bytes[6] & 0x0f) | 0x40); // as random_id() has it
         return id;
     }
     [[nodiscard]] Duration between(Duration low, Duration high) {

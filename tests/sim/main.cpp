@@ -126,7 +126,9 @@ int main(int argc, char** argv) {
     for (; goes_on(); ++seed) {
         seed_at_hand = seed;
         sim::Scenario scenario = sim::random_scenario(seed);
-        if (options.brokers > 0)
+        if (options.brokers == 1)
+            scenario.brokers = 1;
+        else if (options.brokers > 1)
             sim::stand_for_each_other(scenario, options.brokers);
         if (options.one)
             scenario.on_log = [](Instant now, const std::string& line) {
