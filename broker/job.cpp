@@ -312,7 +312,7 @@ bool Job::restore(const StoredTile& stored) {
     if (distrusts(stored.worker))
         return false;
     const std::uint64_t fresh = mark_done(tile, static_cast<double>(stored.rays.total()));
-    if (fresh == 0 && !(submission_.wishes.verify > 0)) // or it counts when others do not
+    if (fresh == 0 && !is_checked()) // or it counts when others do not
         return false;
     done_count_ += fresh;
     results_pixels_ += stored.rect.pixel_count();

@@ -270,6 +270,9 @@ public:
         return phase == protocol::JobPhase::paused && !holds_scene;
     }
 
+    /// A share of its tiles is drawn twice and compared.
+    [[nodiscard]] bool is_checked() const { return submission_.wishes.verify > 0; }
+
     // ------------------------------------------------------------------------------------- phase
     protocol::JobPhase phase = protocol::JobPhase::waiting_for_scene;
     /// Its tiles are to be handed out.

@@ -195,8 +195,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     if (is_over(job.phase))
         return;
     const auto scene = event.scenes.find(job.submission().scene);
-    if (scene == event.scenes.end() && job.phase == JobPhase::paused &&
-        job.revision == Revision{}) // a copy of which not all had come
+    if (scene == event.scenes.end() && job.is_partial_copy() && job.revision == Revision{})
         return;
     if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
         deadlines_.emplace(job.submitted_at + s.time_limit, id);

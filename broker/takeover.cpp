@@ -191,7 +191,7 @@ void Dispatcher::take_witnessed(const WorkerSession& worker, const TileRendered&
     Job* job = job_of(answer.job);
     if (!job || answer.rect.empty() || is_over(job->phase) ||
         job->phase == JobPhase::waiting_for_scene ||
-        (job->submission().wishes.verify > 0 && !deals_out())) // it comes from the one that leads
+        (job->is_checked() && !deals_out())) // it comes from the one that leads
         return;
     const auto tile = job->tile_of(answer);
     if (!tile)

@@ -269,7 +269,7 @@ void Dispatcher::heed_new_term() {
     if (identity_.keeps && !is_alone())
         persist(PutTerm{term().counter}, {});
     for (auto& [id, job] : jobs_) {
-        if (!(job.submission().wishes.verify > 0) || is_over(job.phase))
+        if (!job.is_checked() || is_over(job.phase))
             continue;
         job.leader_agrees = false;
         if (membership_.leads() || job.checks().empty())
@@ -282,12 +282,12 @@ void Dispatcher::heed_new_term() {
 }
 
 bool Dispatcher::may_take_tiles(const Job& job, const BrokerId& from) const {
-    return !(job.submission().wishes.verify > 0) || membership_.leads() || from == term().leader;
+    return !job.is_checked() || membership_.leads() || from == term().leader;
 }
 
 /// Whether the end that another broker tells of is one that the tiles here have come to as well.
 bool Dispatcher::is_checked_as_told(const Job& job) const {
-    if (!(job.submission().wishes.verify > 0))
+    if (!job.is_checked())
         return true;
     return membership_.leads() ? job.checks().empty() || !job.holds_scene : job.leader_agrees;
 }

@@ -4,6 +4,7 @@
 #include <csignal>
 #include <fstream>
 #include <sys/stat.h>
+#include <utility>
 
 using namespace fraja;
 using namespace fraja::e2e;
@@ -14,6 +15,17 @@ RunResult ask(const Words& words) {
     auto ran = run({words}, patience);
     REQUIRE(ran.has_value());
     return *std::move(ran);
+}
+
+/// A worker with the farm's key that waits to be called, and where.
+std::pair<Process, std::string> start_listening(const Ring& ring) {
+    auto worker = Process::start({with(
+        {program("fraja-worker"), "--listen", "tcp://127.0.0.1:0", "-j", "1", "--name", "one"},
+        ring.farm_options())});
+    REQUIRE(worker.has_value());
+    const auto line = worker->wait_for_words(Process::Stream::out, "listening ", patience);
+    REQUIRE(line.has_value());
+    return {std::move(*worker), line->substr(10)};
 }
 
 } // namespace
@@ -164,13 +176,7 @@ TEST_CASE("workers that listen are called by whoever may submit, and a list that
           "holds for them, too") {
     const Ring ring;
     ring.allow({{"ada", "submit"}, {"eve", "watch"}});
-    auto worker = Process::start({with(
-        {program("fraja-worker"), "--listen", "tcp://127.0.0.1:0", "-j", "1", "--name", "one"},
-        ring.farm_options())});
-    REQUIRE(worker.has_value());
-    const auto line = worker->wait_for_words(Process::Stream::out, "listening ", patience);
-    REQUIRE(line.has_value());
-    const std::string endpoint = line->substr(10);
+    auto [worker, endpoint] = start_listening(ring);
     const Scratch scratch;
     const Words picture = {scene("cone"), "-r", "40x30"};
     const std::string want = local_picture(scratch, picture);
@@ -181,9 +187,9 @@ TEST_CASE("workers that listen are called by whoever may submit, and a list that
     };
     const auto as = [&](const char* name) { return Words{"--key-file", ring.file(name)}; };
     const auto reread = [&](const char* words) {
-        worker->send(SIGHUP);
-        INFO(worker->story());
-        REQUIRE(worker->wait_for_words(Process::Stream::err, words, patience));
+        worker.send(SIGHUP);
+        INFO(worker.story());
+        REQUIRE(worker.wait_for_words(Process::Stream::err, words, patience));
     };
     for (const Words& nobody : {Words{}, as("eve"), as("stranger")})
         CHECK(draw(nobody, "2s").exit == 3);
@@ -198,31 +204,26 @@ TEST_CASE("workers that listen are called by whoever may submit, and a list that
     reread("knows 1 key of");
     CHECK(draw(as("ada"), "2s").exit == 3);
     CHECK(draw(as("eve"), "60s").exit == 0);
-    worker->send(SIGTERM);
-    CHECK(worker->wait_for_exit(patience) == 0);
+    worker.send(SIGTERM);
+    CHECK(worker.wait_for_exit(patience) == 0);
 }
 
 TEST_CASE("a caller that loses the right in the middle of a job is heard no more") {
     const Ring ring;
     ring.allow({{"ada", "submit"}, {"eve", "submit"}});
-    auto worker = Process::start({with(
-        {program("fraja-worker"), "--listen", "tcp://127.0.0.1:0", "-j", "1", "--name", "one"},
-        ring.farm_options())});
-    REQUIRE(worker.has_value());
-    const auto line = worker->wait_for_words(Process::Stream::out, "listening ", patience);
-    REQUIRE(line.has_value());
+    auto [worker, endpoint] = start_listening(ring);
     const Scratch scratch;
-    const Words direct = {"--direct", line->substr(10), "--key-file"};
+    const Words direct = {"--direct", endpoint, "--key-file"};
     auto endless = Process::start(
         {with({program("fraja-submit"), scene("overlapping_spheres"), "-r", "640x480", "-a", "16",
                "--tile", "4", "-o", scratch.file("endless.png")},
               with(direct, {ring.file("ada")}))});
     REQUIRE(endless.has_value());
-    REQUIRE(worker->wait_for_words(Process::Stream::err, "connected: ", patience));
+    REQUIRE(worker.wait_for_words(Process::Stream::err, "connected: ", patience));
     ring.allow({{"eve", "submit"}});
-    worker->send(SIGHUP);
-    INFO(worker->story());
-    REQUIRE(worker->wait_for_words(Process::Stream::err, "the caller is gone", patience));
+    worker.send(SIGHUP);
+    INFO(worker.story());
+    REQUIRE(worker.wait_for_words(Process::Stream::err, "the caller is gone", patience));
     CHECK(submit(with({scene("cone"), "-r", "8x6", "-o", scratch.file("next.png")},
                       with(direct, {ring.file("eve")})))
               .exit == 0);
