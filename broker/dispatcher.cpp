@@ -91,6 +91,18 @@ Instant Dispatcher::next_deadline() const {
     return deadline;
 }
 
+std::string Dispatcher::described_revisions(const Job& job) const {
+    if (is_alone())
+        return {};
+    const auto words = [](const protocol::Revision& revision) {
+        return std::to_string(revision.counter) + " of " + to_string(revision.broker).substr(0, 8);
+    };
+    return ", revision " + words(job.revision) +
+           (job.awaited ? ", waits to follow " + words(job.awaited->revision) +
+                              (job.leader_agrees ? "" : " once who leads has come to it")
+                        : "");
+}
+
 std::vector<std::string> Dispatcher::describe(Instant now) const {
     std::vector<std::string> lines;
     lines.push_back(counted(workers_.size(), "worker") + ", " + counted(jobs_.size(), "job") +
@@ -105,7 +117,8 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
         lines.push_back("job #" + std::to_string(number) + " " + state.job_name + " " +
                         to_string(id) + ": " + std::to_string(state.done_count) + " of " +
                         counted(state.cell_count, "cell") + ", " +
-                        std::to_string(state.in_flight_count) + " in flight");
+                        std::to_string(state.in_flight_count) + " in flight" +
+                        (is_over(state.phase) ? ", over" : "") + described_revisions(jobs_.at(id)));
     }
     return lines;
 }

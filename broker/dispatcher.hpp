@@ -118,6 +118,7 @@ private:
         std::map<FilmId, JobId> frames;     ///< of each film the one it was last given something of
         std::vector<ContentHash> scenes;    ///< that it was given something of, the last one last
         std::map<GrantKey, InHand> in_hand; ///< as it said last, whoever gave them
+        std::map<GrantKey, InHand> had_in_hand; ///< in the session before, until it has told
         std::size_t of_others = 0; ///< of these: no grants of ours, and they fill its credit
         /// What others have given it, since it was greeted or this broker leads.
         bool has_told = false;
@@ -162,17 +163,19 @@ private:
         Instant hello_at{};             ///< the last one
     };
     struct Colleague {
-        std::optional<PeerId> peer;       ///< by which it has come here
-        bool was_here = false;            ///< and that was said
-        bool is_compared = false;         ///< it had nothing that was not here, once
-        Instant compare_at{};             ///< not before
-        std::map<JobId, Instant> repairs; ///< asked for, and not answered
-        std::set<JobId> repaired;         ///< answered in full
+        std::optional<PeerId> peer;           ///< by which it has come here
+        bool was_here = false;                ///< and that was said
+        bool is_compared = false;             ///< it had nothing that was not here, once
+        std::optional<std::uint64_t> same_as; ///< digest of what it has and is here as well
+        Instant compare_at{};                 ///< not before
+        std::map<JobId, Instant> repairs;     ///< asked for, and not answered
+        std::set<JobId> repaired;             ///< answered in full
     };
     [[nodiscard]] bool is_alone() const {
         return identity_.peers.empty() && lines_.empty() && colleagues_.empty();
     }
     [[nodiscard]] protocol::Term term() const { return membership_.term(); }
+    [[nodiscard]] std::string described_revisions(const Job& job) const;
     void on(const BrokerSaid& event);
     void meet_broker(const PeerId& peer, const protocol::BrokerHello& hello);
     void dial(const std::string& endpoint, bool is_configured);
@@ -210,6 +213,10 @@ private:
     void give_number(Job& job, std::uint32_t number);
     void settle_numbers();
     void note_copy(const BrokerId& broker, const JobId& job);
+    void note_copy(const BrokerId& broker, Job& job);
+    void note_copies_of_all(const BrokerId& broker);
+    void forget_copies(const BrokerId& broker);
+    [[nodiscard]] std::uint32_t copies_wanted() const;
     [[nodiscard]] bool needs_copy(const Job& job) const;
     void acknowledge_if_safe(Job& job);
     void take_tile(const BrokerId& broker, const protocol::TileDone& tile);
@@ -236,6 +243,7 @@ private:
     void end_gathering();
     void stop_leading();
     void note_in_hand(const PeerId& peer, WorkerSession& worker, const protocol::WorkerBeat& beat);
+    [[nodiscard]] static const InHand* last_of(const WorkerSession& worker, const GrantKey& key);
     void adopt_in_hand(const PeerId& peer, WorkerSession& worker);
     void count_those_of_others(const PeerId& peer, WorkerSession& worker);
     void await_telling(const PeerId& peer, WorkerSession& worker);
@@ -508,12 +516,14 @@ private:
     [[nodiscard]] protocol::WorkerState brief_state(const WorkerSession& worker) const;
     [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
+    [[nodiscard]] protocol::TileDone as_sent_now(protocol::TileDone tile) const;
     /// Of tiles that came until then.
     void repair(const PeerId& peer, const protocol::Repair& repair,
                 Instant until = Instant::never());
     [[nodiscard]] bool wants_digest(const Job& job) const;
 
     // figures.cpp: in numbers
+    void count_brokers(Figures& all) const;
     void count_jobs(Figures& all) const;
     void count_workers(Figures& all) const;
 

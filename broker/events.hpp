@@ -132,6 +132,7 @@ struct SendStored {
     PeerId peer;
     JobId job;
     std::vector<TileIndex> tiles;
+    std::uint64_t epoch = 0; ///< that they say to be of
 };
 /// Answered by SceneLoaded.
 struct LoadScene {

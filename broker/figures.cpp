@@ -13,15 +13,26 @@ Figures Dispatcher::figures() const {
                 .store_is_behind = store_is_behind(),
                 .store_trouble = store_trouble_,
                 .counters = counters_};
+    count_brokers(all);
     count_jobs(all);
     count_workers(all);
     return all;
 }
 
+void Dispatcher::count_brokers(Figures& all) const {
+    const std::size_t others_here = membership_.here(now_).size();
+    all.leads = membership_.leads();
+    all.term = term().counter;
+    all.brokers_here = 1 + others_here;
+    all.brokers_gone = copies_wanted() - others_here;
+}
+
 void Dispatcher::count_jobs(Figures& all) const {
     double rays_left = 0;
+    const std::size_t wanted = copies_wanted();
     for (const auto& [id, job] : jobs_) {
         ++all.jobs[static_cast<std::size_t>(job.phase)];
+        all.jobs_lacking_copies += !is_over(job.phase) && job.copies.size() < wanted ? 1u : 0u;
         if (job.phase != JobPhase::queued && job.phase != JobPhase::running)
             continue;
         all.cells_left += job.cells_left();

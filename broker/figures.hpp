@@ -58,6 +58,13 @@ struct Figures {
     std::uint64_t credit = 0;  ///< tiles these may have in all
     std::uint64_t tiles_in_flight = 0;
 
+    bool leads = false;     ///< it hands out the tiles
+    std::uint64_t term = 0; ///< the newest one's counter
+    // Brokers that stand for each other:
+    std::uint64_t brokers_here = 0;        ///< this one included
+    std::uint64_t brokers_gone = 0;        ///< known, and not heard
+    std::uint64_t jobs_lacking_copies = 0; ///< not over, and not at every one of these
+
     std::uint64_t clients = 0;
     std::uint64_t jobs_watched = 0; ///< whose stream has a subscriber
 

@@ -446,9 +446,12 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, Fa
     const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
     if (phase == JobPhase::done)
         job.drop_checks();
+    const bool was_waiting = job.phase == JobPhase::waiting_for_scene;
     job.phase = phase;
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;
+    if (was_waiting && job.is_adopted) // it takes no scene to be over, and tiles may still come
+        keep_job(job);
     look_ready(job);
     if (job.acknowledged_at)
         deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});

@@ -114,6 +114,8 @@ void Dispatcher::on(const StoreWorks&) {
 
 JobState Dispatcher::state_of(const Job& job) const {
     JobState state = job.state(term().counter, now_, begun(job));
+    state.copies = static_cast<std::uint32_t>(job.copies.size());
+    state.copies_wanted = copies_wanted();
     if (!store_trouble_.empty() && !is_over(job.phase))
         state.reason = std::string(
             clipped("waiting: the broker cannot keep what is done: " + store_trouble_, 500));
@@ -188,6 +190,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     // Of a job that was at it when its broker died nobody knows how long that took.
     const Duration elapsed = is_over(stored.phase) ? stored.elapsed : stored.age;
     job.submitted_at = now_ - stored.age;
+    job.scene_came_on_at = now_; // other brokers have not been heard yet
     job.acknowledged_at = now_ - over_for - elapsed;
     if (is_over(job.phase))
         job.over_at = now_ - over_for;

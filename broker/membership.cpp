@@ -15,7 +15,7 @@ constexpr int forgiven_after = 10; // times its patience
 } // namespace
 
 Membership::Membership(Rank own, const Terms& terms, bool alone, Instant now)
-    : own_(own), terms_(terms), looks_until_(alone ? now : now + terms.patience_max),
+    : own_(own), terms_(terms), alone_(alone), looks_until_(alone ? now : now + terms.patience_max),
       is_synced_(alone) {}
 
 bool Membership::meet(Instant now, const protocol::BrokerHello& hello) {
@@ -110,7 +110,7 @@ Membership::Change Membership::update(Instant now) {
 /// Two that begin one at once, as they do not hear each other, hardly begin the same: whoever knows
 /// only the counter tells them apart.
 protocol::Term Membership::next_term() const {
-    if (peers_.empty() && term_.counter < terms_.counter_min)
+    if (alone_ && peers_.empty() && term_.counter < terms_.counter_min)
         return {terms_.counter_min, own_.broker};
     const std::uint64_t base = std::max(term_.counter, terms_.counter_min);
     return {(base / terms_apart + 1) * terms_apart + hash_of(own_.broker) % terms_apart,

@@ -89,6 +89,7 @@ private:
 
     Rank own_;
     Terms terms_;
+    bool alone_; ///< it began as a broker that was told of no others
     Instant looks_until_;
     bool is_synced_, leads_ = false;
     protocol::Term term_;  ///< the greatest

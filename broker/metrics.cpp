@@ -92,6 +92,16 @@ void add_workers(Families& all, const Figures& f) {
                 f.counters.workers_distrusted);
 }
 
+void add_brokers(Families& all, const Figures& f) {
+    all.gauge("epoch", "Number of the term in which tiles are handed out; larger than all before.",
+              f.term);
+    all.gauge("leads", "1 while this broker hands out the tiles.", std::uint64_t{f.leads});
+    all.gauges("brokers", "Brokers that stand for each other, by whether they are heard.", "state",
+               {{"here", f.brokers_here}, {"gone", f.brokers_gone}});
+    all.gauge("jobs_lacking_copies", "Jobs, not over, that some broker does not have, or is gone.",
+              f.jobs_lacking_copies);
+}
+
 void add_jobs(Families& all, const Figures& f) {
     using protocol::JobPhase;
     const auto count = [&](JobPhase phase) { return f.jobs[static_cast<std::size_t>(phase)]; };
@@ -205,8 +215,7 @@ std::string metrics_text(const MetricSources& sources) {
     all.add(MetricType::Gauge, "info", "1, with the program's version and git revision.",
             {{{{"version", std::string(version)}, {"revision", std::string(revision())}}, 1}});
     if (const Report* report = sources.report) {
-        all.gauge("epoch", "Number of this start of the broker; larger than all before.",
-                  report->epoch);
+        add_brokers(all, report->figures);
         add_workers(all, report->figures);
         add_jobs(all, report->figures);
         add_tiles(all, report->figures);

@@ -205,7 +205,10 @@ void Dispatcher::keep_company() {
         std::erase_if(colleague.repairs, [&](const auto& asked) {
             return now_ - asked.second > 2 * limits_.heartbeat;
         });
-        if (membership_.peers().at(id).digest == own_digest) {
+        const bool is_same = membership_.peers().at(id).digest == own_digest;
+        if (is_same && std::exchange(colleague.same_as, own_digest) != own_digest)
+            note_copies_of_all(id);
+        if (is_same) {
             colleague.is_compared = true;
         } else if (now_ >= colleague.compare_at) {
             colleague.compare_at = now_ + (colleague.is_compared ? limits_.compare_interval : beat);
@@ -221,8 +224,10 @@ void Dispatcher::keep_company() {
              .text = "has all that the other brokers have: " + counted(jobs_.size(), "job")});
     }
     fetch_scenes_anew();
-    for (auto& [id, job] : jobs_)
+    for (auto& [id, job] : jobs_) {
         acknowledge_if_safe(job);
+        settle(job); // what it waits for may have come about by itself
+    }
     settle_numbers();
     wait_no_longer_for_silent_workers();
     note_who_is_here();
@@ -244,7 +249,9 @@ void Dispatcher::note_who_is_here() {
                      counted(here, "other broker") + " of " + std::to_string(colleagues_.size()) +
                      (here == 0 ? "; what is submitted now is kept by this one alone" : "")});
         if (!is_here) {
+            forget_copies(id);
             colleague.is_compared = false;
+            colleague.same_as.reset();
             colleague.repairs.clear();
             colleague.repaired.clear();
         }
@@ -262,6 +269,7 @@ void Dispatcher::forget_brokers_that_are_gone() {
 
 /// Where it was found goes, too, unless that was configured.
 void Dispatcher::forget_broker(const BrokerId& id) {
+    forget_copies(id);
     membership_.forget(id);
     std::erase_if(brokers_by_peer_, [&](const auto& entry) { return entry.second == id; });
     colleagues_.erase(id);

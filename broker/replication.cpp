@@ -93,6 +93,8 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
             continue;
         }
         Job* job = job_of(their.job);
+        if (job && !job->is_being_kept)
+            note_copy(broker, *job);
         if (job && job->awaited && broker == term().leader &&
             their.revision == job->awaited->revision && !job->leader_agrees) {
             job->leader_agrees = true;
@@ -249,8 +251,13 @@ void Dispatcher::settle(Job& job) {
     if (job.phase == JobPhase::waiting_for_scene)
         return;
     if (word.phase == JobPhase::done && job.phase != JobPhase::done &&
-        (job.done_count() < word.done_count || !job.first_pass_done() || !is_checked_as_told(job)))
-        return; // its last tiles are still to come
+        (job.done_count() < word.done_count || !job.first_pass_done() ||
+         !is_checked_as_told(job))) { // its last tiles are still to come
+        const Following following(follows_);
+        if (job.phase == JobPhase::paused && job.holds_scene)
+            (void)resume(job); // as it was before it was done
+        return;
+    }
     if (is_tried_again && !job.holds_scene) {
         const SubmitJob& s = job.submission();
         if (!blobs_.acquire(s.scene, s.scene_bytes))
@@ -353,11 +360,37 @@ bool Dispatcher::needs_copy(const Job& job) const {
 }
 
 void Dispatcher::note_copy(const BrokerId& broker, const JobId& id) {
-    Job* job = job_of(id);
-    if (!job || !job->is_being_kept)
-        return;
-    job->copies.insert(broker);
-    acknowledge_if_safe(*job);
+    if (Job* job = job_of(id)) {
+        note_copy(broker, *job);
+        acknowledge_if_safe(*job);
+    }
+}
+
+void Dispatcher::note_copy(const BrokerId& broker, Job& job) {
+    if (job.copies.insert(broker).second && !job.is_being_kept && !is_over(job.phase))
+        publish_state(job);
+}
+
+/// But of those that are being kept it says so itself.
+void Dispatcher::note_copies_of_all(const BrokerId& broker) {
+    for (auto& [id, job] : jobs_)
+        if (job.phase != JobPhase::waiting_for_scene && !job.is_being_kept && !is_order(job) &&
+            !job.is_partial_copy())
+            note_copy(broker, job);
+}
+
+/// It is gone: should this one be lost, it does not help that there is a copy.
+void Dispatcher::forget_copies(const BrokerId& broker) {
+    for (auto& [id, job] : jobs_)
+        if (job.copies.erase(broker) > 0 && !is_over(job.phase))
+            publish_state(job);
+}
+
+std::uint32_t Dispatcher::copies_wanted() const {
+    const auto never_heard =
+        std::ranges::count_if(lines_, [](const auto& entry) { return !entry.second.broker; });
+    return static_cast<std::uint32_t>(membership_.peers().size() +
+                                      static_cast<std::size_t>(never_heard));
 }
 
 /// It is kept here, and by all others that are here: then any of them may be the one that is left.
@@ -375,7 +408,8 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
         acknowledge(job);
     }
     if (job.is_adopted) {
-        const JobRecord record = job.awaited.value_or(record_of(job));
+        const bool is_told = job.awaited && is_over(job.awaited->phase) == is_over(job.phase);
+        const JobRecord record = is_told ? *job.awaited : record_of(job);
         const Following following(follows_);
         if (is_over(job.phase)) {
             job.over_at = now_ - std::max(record.over_for, Duration{});

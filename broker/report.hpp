@@ -12,7 +12,6 @@ namespace fraja::broker {
 
 struct Report {
     Instant at; ///< by net::now()
-    std::uint64_t epoch = 0;
     Figures figures;
     // Of messages, without what transports add:
     std::uint64_t received_bytes = 0, sent_bytes = 0;

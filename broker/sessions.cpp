@@ -269,7 +269,7 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
 /// what it did still count then.
 void Dispatcher::remember(WorkerSession session, Blames blamed) {
     if (!session.drained && session.failures.empty() && session.distrusted.empty() &&
-        blamed.empty())
+        session.in_hand.empty() && session.had_in_hand.empty() && blamed.empty())
         return;
     if (absent_.size() >= limits_.workers_max)
         absent_.erase(std::ranges::min_element(
@@ -290,6 +290,8 @@ void Dispatcher::recall(WorkerSession& worker) {
     worker.failures = std::move(found->second.session.failures);
     worker.quarantined_until = found->second.session.quarantined_until;
     worker.distrusted = found->second.session.distrusted;
+    WorkerSession& before = found->second.session;
+    worker.had_in_hand = std::move(before.in_hand.empty() ? before.had_in_hand : before.in_hand);
     for (const auto& [id, tile] : found->second.blamed)
         if (Job* job = job_of(id))
             job->forgive(tile, worker.hello.worker);

@@ -95,9 +95,8 @@ public:
           std::unique_ptr<Kept> kept, const net::Waker& waker, const Options& options)
         : context_(context), router_(std::move(router)), publisher_(std::move(publisher)),
           kept_(std::move(kept)), waker_(waker), options_(options),
-          epoch_(kept_ ? kept_->epoch : new_epoch()),
           dispatcher_({.broker = random_id<BrokerId>(),
-                       .epoch = epoch_,
+                       .epoch = kept_ ? kept_->epoch : new_epoch(),
                        .stream = publisher_.endpoint(),
                        .keeps = kept_ != nullptr,
                        .started_at = net::now(),
@@ -157,7 +156,6 @@ private:
         next_report_ = now + report_interval;
         report_.at = now;
         tell_of_strangers();
-        report_.epoch = epoch_;
         dispatcher_.set_unix_offset(since_1970() - (now - Instant{}));
         report_.figures = dispatcher_.figures();
         if (kept_)
@@ -411,8 +409,10 @@ private:
                 log({LogLevel::error, "tile_unread", {}, stored.error().message});
                 continue;
             }
-            for (protocol::TileDone& done : *stored)
+            for (protocol::TileDone& done : *stored) {
+                done.epoch = wish.epoch;
                 perform(Send{wish.peer, std::move(done)}, events);
+            }
         }
     }
 
@@ -434,7 +434,6 @@ private:
     std::unique_ptr<Kept> kept_;
     const net::Waker& waker_;
     const Options& options_;
-    std::uint64_t epoch_;
     Dispatcher dispatcher_;
     std::optional<Upstream> upstream_;
     Report report_; ///< the next one

@@ -129,6 +129,12 @@ void Dispatcher::publish_farm_state() {
     actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
 }
 
+/// What an earlier broker had not checked is dropped when a later term is heeded.
+TileDone Dispatcher::as_sent_now(TileDone tile) const {
+    tile.epoch = heeded_term_.counter;
+    return tile;
+}
+
 void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
     const Job* job = job_of(wish.job);
     if (!job || is_order(*job))
@@ -147,13 +153,13 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
         ++tiles;
         bytes += size;
         if (result.pixels)
-            send(peer, *result.pixels);
+            send(peer, as_sent_now(*result.pixels));
         else
             stored.push_back(job->index(result.tile));
         return true;
     });
     if (!stored.empty())
-        actions_->push_back(SendStored{peer, job->id(), std::move(stored)});
+        actions_->push_back(SendStored{peer, job->id(), std::move(stored), heeded_term_.counter});
     send(peer, RepairDone{state_of(*job), left});
 }
 

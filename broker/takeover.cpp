@@ -119,17 +119,25 @@ void Dispatcher::stop_leading() {
         }
 }
 
+/// Also in the session before: that it greets anew moves none of its tiles.
+auto Dispatcher::last_of(const WorkerSession& worker, const GrantKey& key) -> const InHand* {
+    for (const auto* held : {&worker.in_hand, &worker.had_in_hand})
+        if (const auto found = held->find(key); found != held->end())
+            return &found->second;
+    return nullptr;
+}
+
 /// What it has in hand, by its own word.
 void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const WorkerBeat& beat) {
     std::map<GrantKey, InHand> now;
     for (const TileInFlight& tile : beat.in_flight) {
         const GrantKey key{tile.job, tile.tile, tile.attempt};
-        const auto before = worker.in_hand.find(key);
-        const bool stands_still =
-            before != worker.in_hand.end() && tile.rays <= before->second.tile.rays;
-        now.emplace(key, InHand{tile, stands_still ? before->second.progress_at : now_});
+        const InHand* before = last_of(worker, key);
+        const bool stands_still = before && tile.rays <= before->tile.rays;
+        now.emplace(key, InHand{tile, stands_still ? before->progress_at : now_});
     }
     worker.in_hand = std::move(now);
+    worker.had_in_hand.clear();
     if (!worker.has_told && !(beat.term < term())) { // late, perhaps
         if (deals_out())
             adopt_in_hand(peer, worker);

@@ -209,7 +209,7 @@ void Dispatcher::take_result(Job& job, OpenTileId id, const Tile& tile, double w
     keep_newest_result(job);
     want_check(job, tile, *result);
     if (subscribed_jobs_.contains(job.id()))
-        actions_->push_back(Publish{job_topic(job.id()), *result});
+        actions_->push_back(Publish{job_topic(job.id()), as_sent_now(*result)});
     look_ready(job);
     if (job.awaited)
         settle(job);

@@ -23,6 +23,10 @@ constexpr Duration fruitless_pause = 250ms; // after a repair that should have b
 /// end, the broker cannot read what it has stored.
 constexpr std::uint32_t odd_answers_max = 8;
 
+/// Who is asked has by then heard of a later epoch, unless nobody has it any more: of several
+/// brokers the one that had begun it may be gone.
+constexpr Duration epoch_patience = 10s;
+
 constexpr Duration elapsed_max = 24h * 36'500; // more can hardly be true
 
 constexpr std::uint64_t repair_bytes = std::uint64_t{16} << 20; // in one answer, about
@@ -155,7 +159,7 @@ void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Act
     }
     if (!repair_pending_ && !barrier_pending_)
         repair_wanted_ = now + silence_max;
-    if (distrusts(tile.worker)) {
+    if (distrusts(tile.worker) || is_of_before(tile)) {
         ++counts_.distrusted;
         return;
     }
@@ -223,6 +227,12 @@ bool Follower::distrusts(const WorkerId& worker) const {
     return !state_.settings.limited_in_time() &&
            std::ranges::find(state_.distrusted, worker, &protocol::Distrusted::worker) !=
                state_.distrusted.end();
+}
+
+/// It was sent before the broker heard of the epoch that is known here, and came by another way
+/// than the word of that: by now it may have been dropped unchecked.
+bool Follower::is_of_before(const protocol::TileDone& tile) const {
+    return state_.verify > 0 && tile.epoch != 0 && tile.epoch < state_.epoch;
 }
 
 /// What came of workers that are distrusted now is missing again.
@@ -302,7 +312,7 @@ std::optional<protocol::CellRect> Follower::cells(const protocol::TileDone& tile
 
 void Follower::take(Instant now, const protocol::JobState& state, bool digest,
                     std::vector<Action>& actions) {
-    if (!adopt(now, state, actions))
+    if (!adopt(now, state, !digest, actions))
         return;
     if (is_over(state_.phase))
         lower_barrier(actions); // nothing more will be published
@@ -313,7 +323,7 @@ void Follower::take(Instant now, const protocol::JobState& state, bool digest,
 }
 
 void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<Action>& actions) {
-    if (!adopt(now, done.state, actions))
+    if (!adopt(now, done.state, true, actions))
         return;
     if (is_over(state_.phase))
         lower_barrier(actions);
@@ -348,8 +358,18 @@ void Follower::take(Instant now, const protocol::Barrier& barrier, std::vector<A
     repair_wanted_ = now;
 }
 
+/// Whoever is asked is in an epoch before that which was heard of, and stays there.
+bool Follower::is_lost_epoch(Instant now, const protocol::JobState& asked) {
+    if (asked.epoch >= state_.epoch)
+        behind_since_ = Instant::never();
+    else
+        behind_since_ = std::min(behind_since_, now);
+    return asked.epoch < state_.epoch && now - behind_since_ >= epoch_patience;
+}
+
 /// Whether the state is about this job and can be. Shows it when it is newer.
-bool Follower::adopt(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
+bool Follower::adopt(Instant now, const protocol::JobState& state, bool asked,
+                     std::vector<Action>& actions) {
     const bool same_cells =
         state.cell_side == state_.cell_side || state_.cell_side == 0; // it was not cut before
     if (state.job != state_.job || !is_sound(state) || state.settings != state_.settings ||
@@ -357,7 +377,7 @@ bool Follower::adopt(Instant now, const protocol::JobState& state, std::vector<A
         ++counts_.rubbish;
         return false;
     }
-    if (!is_newer(state, state_))
+    if (!(asked && is_lost_epoch(now, state)) && !is_newer(state, state_))
         return true;
     if (state_.cell_side == 0) {
         grid_ = grid_of(state);

@@ -21,7 +21,7 @@ namespace fraja::client {
 struct FollowerCounts {
     std::uint64_t duplicates = 0; ///< tiles that were here already
     std::uint64_t rubbish = 0;    ///< messages that contradict the job
-    std::uint64_t distrusted = 0; ///< tiles of workers that the job distrusts
+    std::uint64_t distrusted = 0; ///< tiles of workers that the job distrusts, or of epochs before
     std::uint64_t repairs = 0;    ///< requests sent
     std::uint64_t barriers_lost = 0;
 };
@@ -67,12 +67,14 @@ private:
                                                              std::uint32_t pass);
     [[nodiscard]] protocol::TileDone part_of(const protocol::TileDone& tile,
                                              const protocol::CellRect& cells) const;
-    [[nodiscard]] bool adopt(Instant now, const protocol::JobState& state,
+    [[nodiscard]] bool is_lost_epoch(Instant now, const protocol::JobState& asked);
+    [[nodiscard]] bool adopt(Instant now, const protocol::JobState& state, bool asked,
                              std::vector<Action>& actions);
     void tick(Instant now, std::vector<Action>& actions);
     void raise_barrier(Instant now, std::vector<Action>& actions);
     void note_who_drew(const std::vector<protocol::CellRect>& cells, const WorkerId& worker);
     [[nodiscard]] bool distrusts(const WorkerId& worker) const;
+    [[nodiscard]] bool is_of_before(const protocol::TileDone& tile) const;
     void withdraw(Instant now, std::vector<Action>& actions);
     void withdraw_all(std::vector<Action>& actions);
     void lower_barrier(std::vector<Action>& actions);
@@ -91,7 +93,8 @@ private:
     std::vector<Drawn> drawn_;      ///< what is here, each cell once: not of a job limited in time
     std::vector<WorkerId> workers_; ///< who drew it
     bool complete_ = false, forgotten_ = false, caught_up_ = false;
-    bool has_of_earlier_epochs_ = false; ///< tiles that the broker may not have
+    Instant behind_since_ = Instant::never(); ///< an epoch that was heard of
+    bool has_of_earlier_epochs_ = false;      ///< tiles that the broker may not have
     FollowerCounts counts_;
 
     Nonce nonce_;

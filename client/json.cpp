@@ -70,6 +70,10 @@ Json job_object(const protocol::JobState& s) {
     json["scene"] = fraja::to_string(s.scene);
     json["settings"] = settings_object(s.settings);
     json["priority"] = s.priority;
+    if (s.copies_wanted > 0) { // of several brokers
+        json["copies"] = s.copies;
+        json["copies_wanted"] = s.copies_wanted;
+    }
     json["cell_side"] = s.cell_side;
     json["cell_count"] = s.cell_count;
     json["done_count"] = s.done_count;

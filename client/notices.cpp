@@ -139,6 +139,38 @@ void DistrustNotice::update(const TilesWithdrawn& withdrawn) {
                          ") is asked for once more, as it is to be checked");
 }
 
+void CopiesNotice::update(Instant now, const protocol::JobState& job) {
+    if (is_over(job.phase) || job.phase == protocol::JobPhase::waiting_for_scene)
+        return;
+    const Copies copies{job.copies, job.copies_wanted};
+    if (copies == now_)
+        return;
+    now_ = copies;
+    due_ = now_ == said_ || (!now_.lack() && !said_.lack()) ? Instant::never() : now + unsaid_max;
+}
+
+Instant CopiesNotice::tick(Instant now) {
+    if (now < due_)
+        return due_;
+    due_ = Instant::never();
+    said_ = now_;
+    if (!now_.lack())
+        tell_unless_none("job_copied", fmt::format("all {} brokers keep the job", now_.wanted + 1));
+    else if (now_.here > 0)
+        tell_unless_none("job_copies_missing", fmt::format("{} of {} brokers keep the job",
+                                                           now_.here + 1, now_.wanted + 1));
+    else
+        console_.warning(fmt::format("a single broker of {} keeps the job: if that one is lost, "
+                                     "so is the job",
+                                     now_.wanted + 1));
+    return due_;
+}
+
+void CopiesNotice::tell_unless_none(std::string_view event, const std::string& text) {
+    if (mode_ != ProgressMode::none)
+        tell(console_, mode_, event, text);
+}
+
 std::string unchecked_words(const protocol::CheckCounts& checks) {
     if (checks.unchecked == 0)
         return {};

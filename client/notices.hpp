@@ -93,6 +93,30 @@ private:
     std::set<WorkerId> told_;
 };
 
+/// Says that fewer brokers keep a job than stand for each other, when that changes, and that all do
+/// again; with --progress none no more than that a single one does. `mode` and `console` as above.
+class CopiesNotice {
+public:
+    CopiesNotice(Console& console, ProgressMode mode) : console_(console), mode_(mode) {}
+    /// Jobs of a film say the same, and it is said once.
+    void update(Instant now, const protocol::JobState& job);
+    /// Says it if that is due. Returns when it wants to be called next.
+    Instant tick(Instant now);
+
+private:
+    struct Copies {
+        std::uint32_t here = 0, wanted = 0;
+        [[nodiscard]] bool lack() const { return here < wanted; }
+        friend bool operator==(const Copies&, const Copies&) = default;
+    };
+    void tell_unless_none(std::string_view event, const std::string& text);
+
+    Console& console_;
+    ProgressMode mode_;
+    Copies now_, said_;
+    Instant due_ = Instant::never();
+};
+
 /// What is to be said of a job that is done whose tiles were not all checked that should be; empty:
 /// nothing.
 [[nodiscard]] std::string unchecked_words(const protocol::CheckCounts& checks);

@@ -36,7 +36,7 @@ public:
                                 ? PreviewMode::none
                                 : LivePreview::chosen(options.preview, console)),
           mode_(ProgressReport::chosen(options.shared.progress, console)),
-          progress_(console, mode_, net::now()), wait_(console, mode_),
+          progress_(console, mode_, net::now()), wait_(console, mode_), copies_(console, mode_),
           answer_(console, options.direct, net::now()), distrust_(console),
           give_up_at_(net::now() + options.shared.connect_timeout) {}
 
@@ -45,7 +45,7 @@ public:
     }
     Instant tick(Instant now) override {
         const Instant redraw =
-            std::min({wait_.tick(now), progress_.tick(now), answer_.tick(now),
+            std::min({wait_.tick(now), copies_.tick(now), progress_.tick(now), answer_.tick(now),
                       picture_ ? preview_.tick(now, picture_->film()) : Instant::never()});
         gave_up_ = waits_for_workers() && now >= give_up_at_;
         return std::min({redraw, waits_for_workers() ? give_up_at_ : Instant::never(),
@@ -123,6 +123,7 @@ private:
         distrust_.update(state);
         if (!options_.local) // whose worker is on its way
             wait_.update(now, state, worker_cure(options_, broker_));
+        copies_.update(now, state);
     }
     /// Of those that --direct names, none has been given a tile yet.
     [[nodiscard]] bool waits_for_workers() const {
@@ -135,6 +136,7 @@ private:
     ProgressMode mode_;
     ProgressReport progress_;
     WaitNotice wait_;
+    CopiesNotice copies_;
     AnswerNotice answer_;
     DistrustNotice distrust_;
     Instant give_up_at_;

@@ -117,7 +117,7 @@ public:
         : options_(options), signals_(signals), console_(options.shared.console),
           mode_(ProgressReport::chosen(options.shared.progress, console_)),
           progress_(console_, mode_, options.job_name, film_, net::now()), wait_(console_, mode_),
-          context_(options.shared.keys) {
+          copies_(console_, mode_), context_(options.shared.keys) {
         report_.started = std::chrono::system_clock::now();
         report_.film = film_;
         report_.job_name = options.job_name;
@@ -343,8 +343,10 @@ private:
         {
             const std::lock_guard lock(shared_.mutex);
             if (!running_.empty() && !options_.local) // whose worker is on its way
-                if (const auto& job = running_.begin()->second.state->job)
+                if (const auto& job = running_.begin()->second.state->job) {
                     wait_.update(net::now(), *job, worker_cure(options_, broker_));
+                    copies_.update(net::now(), *job);
+                }
             for (const auto& [index, one] : running_) {
                 const bool failed =
                     one.state->outcome && one.state->outcome->code != ExitCode::done;
@@ -413,6 +415,7 @@ private:
 
     void show_progress() {
         wait_.tick(net::now());
+        copies_.tick(net::now());
         FilmMoment moment{.frame_count = waiting_.size(),
                           .written = done_,
                           .given_up = failures_.size(),
@@ -528,6 +531,7 @@ private:
     const FilmId film_ = random_id<FilmId>();
     FilmProgress progress_;
     WaitNotice wait_;
+    CopiesNotice copies_;
     DistrustNotice distrust_{console_};
     std::optional<SearchNotice> search_; ///< while frames are rendered
     FilmReport report_;

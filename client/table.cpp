@@ -195,6 +195,8 @@ std::string job_page(const protocol::JobState& s) {
                         s.done_count, counted(s.cell_count, "cell"), s.cell_side, s.cell_side,
                         100 * s.share_done, counted(s.in_flight_count, "tile"),
                         counted(s.worker_count, "worker"));
+    if (s.copies_wanted > 0)
+        text += fmt::format("kept by   {} of {} brokers\n", s.copies + 1, s.copies_wanted + 1);
     if (s.checks != protocol::CheckCounts{})
         text += fmt::format("checked   {}; {} had no second worker\n",
                             counted(s.checks.agreed, "tile"), s.checks.unchecked);

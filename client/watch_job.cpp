@@ -54,7 +54,8 @@ public:
           progress_(console, progress_mode(options.shared.progress, console, preview_.is_on()),
                     net::now()),
           mode_(ProgressReport::chosen(options.shared.progress, console)), wait_(console, mode_),
-          tev_(std::move(tev)), shows_lines_(!lines_on_terminal() || !preview_.is_on()),
+          copies_(console, mode_), tev_(std::move(tev)),
+          shows_lines_(!lines_on_terminal() || !preview_.is_on()),
           keys_(lines_on_terminal() ? RawKeys::take() : std::nullopt) {}
 
     void hear(Instant, const News& news) override {
@@ -63,7 +64,7 @@ public:
     Instant tick(Instant now) override {
         left_ = keys_ && keys_->has_left();
         outlet_.pump();
-        const Instant waited = wait_.tick(now);
+        const Instant waited = std::min(wait_.tick(now), copies_.tick(now));
         if (auto notice = tev_ ? tev_->take_notice() : std::nullopt)
             notice->good ? console_.info(notice->text) : console_.warning(notice->text);
         const Instant next = std::min(waited, progress_.tick(now));
@@ -168,6 +169,7 @@ private:
         progress_.update(state);
         distrust_.update(state);
         wait_.update(net::now(), state, worker_cure(broker_));
+        copies_.update(net::now(), state);
     }
     void print(const std::string& line) { outlet_.put(line + "\n"); }
     void show_phase(const protocol::JobState& state) {
@@ -192,6 +194,7 @@ private:
     ProgressReport progress_;
     const ProgressMode mode_;
     WaitNotice wait_;
+    CopiesNotice copies_;
     std::unique_ptr<tev::Feed> tev_;
     bool shows_lines_;
     std::optional<RawKeys> keys_; ///< not in a pipe: there they are its reader's

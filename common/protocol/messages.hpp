@@ -439,6 +439,8 @@ struct JobState {
     std::vector<Distrusted> distrusted;
     double verify = 0;
     Revision revision;
+    std::uint32_t copies = 0;        ///< other brokers that are here and have it
+    std::uint32_t copies_wanted = 0; ///< other brokers, as far as is known
     friend bool operator==(const JobState&, const JobState&) = default;
     template <class T = JobState>
     static constexpr auto fields() {
@@ -467,7 +469,9 @@ struct JobState {
                           Field{"checks", &T::checks},
                           Field{"distrusted", &T::distrusted},
                           Field{"verify", &T::verify},
-                          Field{"revision", &T::revision}};
+                          Field{"revision", &T::revision},
+                          Field{"copies", &T::copies},
+                          Field{"copies_wanted", &T::copies_wanted}};
     }
 };
 
@@ -624,14 +628,15 @@ struct TileDone {
     Rays rays;
     Duration elapsed{};
     WorkerId worker{};
+    std::uint64_t epoch = 0; ///< in which it was sent; 0: not known
     std::vector<Blob> blobs; ///< the pixels, cut into frames
     template <class T = TileDone>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &T::job},      Field{"tile", &T::tile},
-                          Field{"frame", &T::frame},  Field{"pass", &T::pass},
-                          Field{"rect", &T::rect},    Field{"worker_name", &T::worker_name},
-                          Field{"rays", &T::rays},    Field{"elapsed", &T::elapsed},
-                          Field{"worker", &T::worker}};
+        return std::tuple{Field{"job", &T::job},       Field{"tile", &T::tile},
+                          Field{"frame", &T::frame},   Field{"pass", &T::pass},
+                          Field{"rect", &T::rect},     Field{"worker_name", &T::worker_name},
+                          Field{"rays", &T::rays},     Field{"elapsed", &T::elapsed},
+                          Field{"worker", &T::worker}, Field{"epoch", &T::epoch}};
     }
 };
 

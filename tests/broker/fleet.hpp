@@ -16,7 +16,9 @@ namespace fraja::broker {
 
 class Fleet {
 public:
-    explicit Fleet(std::size_t count, Limits those = {}) : limits(those) {
+    /// `keeps`: each has a store, which keeps all at once.
+    explicit Fleet(std::size_t count, Limits those = {}, bool keeps = false)
+        : limits(those), keeps_(keeps) {
         for (std::size_t i = 0; i < count; ++i)
             start(i);
     }
@@ -34,6 +36,7 @@ public:
             Dispatcher::Identity{.broker = node.id,
                                  .epoch = static_cast<std::uint64_t>(100 * ids_),
                                  .stream = "tcp://127.0.0.1:50058",
+                                 .keeps = keeps_,
                                  .started_at = now,
                                  .unix_offset = std::chrono::seconds(ids_),
                                  .endpoint = endpoint(i),
@@ -112,10 +115,11 @@ public:
         protocol::Term term{};
         std::vector<protocol::RenderTile> has;
         std::map<std::size_t, std::uint64_t> received; ///< by broker
+        bool hangs = false;                            ///< no tile of it moves
     };
     /// Known to all brokers that are there by that name.
     void worker_arrives(const std::string& name, std::uint8_t id, std::uint32_t credit) {
-        workers[name] = {id, credit, {}, {}, {}};
+        workers[name] = {id, credit, {}, {}, {}, false};
         for (std::size_t i = 0; i < nodes.size(); ++i)
             if (nodes[i].dispatcher)
                 greet(i, name);
@@ -141,7 +145,7 @@ public:
                                   .tiles_received = worker.received[i],
                                   .term = worker.term};
         for (const protocol::RenderTile& t : worker.has)
-            beat.in_flight.push_back({t.job, t.tile, t.attempt, ++rays_, t.pass,
+            beat.in_flight.push_back({t.job, t.tile, t.attempt, worker.hangs ? 0 : ++rays_, t.pass,
                                       t.probe_side > 0 ? PixelRect{} : t.rect});
         say(i, name, std::move(beat));
     }
@@ -214,6 +218,7 @@ public:
         std::set<std::string> dialled;
         std::vector<Publish> stream;
         std::vector<Log> logs;
+        std::vector<Write> kept;
     };
     Limits limits;
     Instant now{std::chrono::hours(1)};
@@ -251,6 +256,9 @@ private:
             take_sent(from, std::move(*send));
         } else if (auto* publish = std::get_if<Publish>(&action)) {
             nodes[from].stream.push_back(std::move(*publish));
+        } else if (auto* persist = std::get_if<Persist>(&action)) {
+            nodes[from].kept.push_back(std::move(persist->write));
+            queue_.emplace_back(from, Stored{persist->sequence});
         } else if (auto* line = std::get_if<Log>(&action)) {
             nodes[from].logs.push_back(std::move(*line));
         }
@@ -297,7 +305,7 @@ private:
                                   .tiles_received = worker.received.at(to),
                                   .term = worker.term};
         for (const protocol::RenderTile& t : worker.has)
-            beat.in_flight.push_back({t.job, t.tile, t.attempt, ++rays_, t.pass,
+            beat.in_flight.push_back({t.job, t.tile, t.attempt, worker.hangs ? 0 : ++rays_, t.pass,
                                       t.probe_side > 0 ? PixelRect{} : t.rect});
         queue_.emplace_back(to, PeerSaid{name, std::move(beat)});
     }
@@ -307,6 +315,7 @@ private:
     Instant next_beats_{};
     std::uint64_t incarnations_ = 0, rays_ = 0;
     std::uint8_t ids_ = 0;
+    bool keeps_;
 };
 
 } // namespace fraja::broker

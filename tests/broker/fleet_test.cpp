@@ -70,6 +70,67 @@ TEST_CASE("a job is acknowledged when all brokers that are here have it") {
     CHECK(has_logged(fleet, 0, "broker_gone"));
 }
 
+TEST_CASE("a job's state says at how many of the other brokers it is") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    const auto copies = [&](std::size_t i, const JobId& job) {
+        const auto state = fleet.state(i, job);
+        REQUIRE(state.has_value());
+        return std::pair(state->copies, state->copies_wanted);
+    };
+    using Copies = std::pair<std::uint32_t, std::uint32_t>;
+    const JobId first = fleet.submit(0, "c", Farm::picture(1, 6));
+    fleet.pass(2s);
+    for (std::size_t i = 0; i < 3; ++i)
+        CHECK(copies(i, first) == Copies{2, 2});
+    fleet.kill(1);
+    fleet.pass(2s);
+    CHECK(copies(0, first) == Copies{1, 2});
+    CHECK(copies(2, first) == Copies{1, 2});
+    fleet.kill(2);
+    fleet.pass(2s);
+    CHECK(copies(0, first) == Copies{0, 2});
+    const JobId second = fleet.submit(0, "c", Farm::picture(2, 6));
+    CHECK(copies(0, second) == Copies{0, 2});
+    fleet.start(1); // another one, at the place of that which is gone
+    fleet.pass(4s);
+    for (const JobId& job : {first, second}) {
+        CHECK(copies(0, job) == Copies{1, 2});
+        CHECK(copies(1, job) == Copies{1, 2});
+    }
+}
+
+TEST_CASE("a watcher hears that a job has lost a copy, and that it has one again") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    const SubmitJob picture = Farm::picture(1, 6);
+    fleet.event(0, TopicSubscribed{job_topic(picture.job)});
+    fleet.submit(0, "c", picture);
+    const auto last_told = [&] {
+        const auto& stream = fleet.nodes[0].stream;
+        for (auto p = stream.rbegin(); p != stream.rend(); ++p)
+            if (const auto* state = std::get_if<JobState>(&p->message))
+                return state->copies;
+        return 99u;
+    };
+    fleet.pass(1s);
+    CHECK(last_told() == 1);
+    fleet.kill(1);
+    fleet.pass(2s);
+    CHECK(last_told() == 0);
+    fleet.start(1);
+    fleet.pass(4s);
+    CHECK(last_told() == 1);
+}
+
+TEST_CASE("a lone broker wants no copies") {
+    Fleet fleet(1);
+    fleet.pass(4s);
+    const JobId job = fleet.submit(0, "c", Farm::picture(1, 6));
+    CHECK(fleet.state(0, job)->copies_wanted == 0);
+    CHECK(fleet.at(0).figures().brokers_here == 1);
+}
+
 TEST_CASE("the next broker takes over, and what workers have in hand is not drawn twice") {
     for (std::size_t count = 2; count <= 5; ++count) {
         CAPTURE(count);
@@ -246,6 +307,116 @@ TEST_CASE("of a checked job a standby broker has what the one that leads has, an
     }
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
     CHECK(fleet.state(1, picture.job)->checks.agreed == 4);
+}
+
+TEST_CASE("a tile says in which term it was sent, not in which it was drawn") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    const SubmitJob picture = Farm::picture(1, 4);
+    for (std::size_t i = 0; i < 2; ++i)
+        fleet.event(i, TopicSubscribed{job_topic(picture.job)});
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("w"));
+    const auto epoch = [&](std::size_t i) { return fleet.at(i).membership().term().counter; };
+    const auto first = epoch(0);
+    for (const Publish& told : fleet.nodes[0].stream)
+        if (const auto* tile = std::get_if<TileDone>(&told.message))
+            CHECK(tile->epoch == first);
+    CHECK(fleet.published(0, picture.job) == 1);
+    fleet.kill(0);
+    fleet.pass(2s);
+    REQUIRE(epoch(1) > first);
+    fleet.say(1, "c", Repair{picture.job, 9, Bytes(1)});
+    const auto repaired = fleet.heard<TileDone>(1, "c");
+    REQUIRE(repaired.size() == 1);
+    CHECK(repaired[0].epoch == epoch(1));
+}
+
+TEST_CASE("a copy that is cancelled before it has its scene is kept: its tiles may still come") {
+    Fleet fleet(2, {}, true);
+    fleet.pass(4s);
+    const SubmitJob picture = Farm::picture(1, 4);
+    fleet.say(1, "broker 0",
+              JobRecord{.submission = picture,
+                        .revision = {1, fleet.nodes[0].id},
+                        .number = 1,
+                        .passes = 1,
+                        .phase = JobPhase::queued,
+                        .reason = {},
+                        .checks = {},
+                        .distrusted = {}});
+    REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::waiting_for_scene);
+    const auto is_kept = [&] {
+        return std::ranges::any_of(fleet.nodes[1].kept, [](const Write& write) {
+            return std::holds_alternative<PutJob>(write);
+        });
+    };
+    CHECK_FALSE(is_kept());
+    fleet.say(1, "c", ClientHello{"c", "test"});
+    fleet.say(1, "c", ControlJob{picture.job, JobDeed::cancel, 0});
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+    CHECK(fleet.state(1, picture.job)->reason == "cancelled by a client");
+    CHECK(is_kept());
+}
+
+TEST_CASE("a job that comes to its end by itself follows what another broker has said of that") {
+    for (const bool is_paused : {false, true}) {
+        CAPTURE(is_paused);
+        Fleet fleet(2);
+        fleet.pass(4s);
+        fleet.worker_arrives("w", 1, 8);
+        fleet.worker_arrives("v", 2, 1);
+        SubmitJob picture = Farm::picture(1, 4);
+        picture.wishes.verify = 1;
+        (void)fleet.submit(0, "c", picture);
+        fleet.pass(100ms);
+        for (fleet.render_all("w"); fleet.state(0, picture.job)->done_count < 4;
+             fleet.render_all("w"))
+            fleet.render_one("v");
+        REQUIRE(fleet.state(0, picture.job)->phase != JobPhase::done); // v is to check
+        if (is_paused) // and somebody resumed it where it was done
+            fleet.say(0, "c", ControlJob{picture.job, JobDeed::pause, 0});
+        const Revision word{9, fleet.nodes[1].id};
+        fleet.say(0, "broker 1",
+                  JobRecord{.submission = picture,
+                            .revision = word,
+                            .number = 1,
+                            .passes = 1,
+                            .phase = JobPhase::done,
+                            .reason = {},
+                            .done_count = 4,
+                            .checks = {},
+                            .distrusted = {}});
+        fleet.pass(1s);
+        CHECK(fleet.state(0, picture.job)->revision != word); // it is not done here
+        CHECK(fleet.state(0, picture.job)->phase != JobPhase::paused);
+        fleet.workers.erase("v");
+        for (std::size_t i = 0; i < 2; ++i)
+            fleet.say(i, "v", Goodbye{});
+        fleet.pass(3s);
+        CHECK(fleet.state(0, picture.job)->phase == JobPhase::done);
+        CHECK(fleet.state(0, picture.job)->revision == word);
+    }
+}
+
+TEST_CASE("a tile that hangs is stopped, however often its worker greets anew") {
+    Limits limits;
+    limits.lease = 10s;
+    Fleet fleet(2, limits);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    (void)fleet.submit(0, "c", Farm::picture(1, 1));
+    fleet.pass(100ms);
+    REQUIRE(fleet.workers.at("w").has.size() == 1);
+    fleet.workers.at("w").hangs = true;
+    fleet.kill(0);
+    for (int i = 0; i < 5; ++i) {
+        fleet.pass(3s);
+        fleet.greet(1, "w");
+    }
+    CHECK(!fleet.heard<CancelTile>(1, "w").empty());
 }
 
 TEST_CASE("two that do not hear each other both lead; when they do, one does, and has it all") {

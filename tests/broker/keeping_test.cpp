@@ -167,6 +167,20 @@ TEST_CASE("whatever a job was when its broker died, it is that again") {
     CHECK(state(5).reason.find("scene") != std::string::npos);
 }
 
+TEST_CASE("after a restart the tiles of another broker's job are waited for as before") {
+    StoredJob partial = stored(1, 2, 1);
+    partial.phase = JobPhase::paused;
+    partial.submission.scene.bytes[0] ^= 1; // it has none
+    Farm farm({}, true);
+    farm.event(restored({partial}));
+    farm.pass(farm.limits.tiles_patience);
+    CHECK(farm.state(partial.submission.job).done_count == 1);
+    farm.pass(2s);
+    farm.client_arrives("c");
+    farm.say("c", FindJob{to_string(partial.submission.job)});
+    CHECK(farm.last<Refused>("c").code == RefusalCode::no_such_job);
+}
+
 TEST_CASE("a job that was over is tried again with its scene from the store") {
     StoredJob failed = stored(1, 2, 1);
     failed.phase = JobPhase::failed;

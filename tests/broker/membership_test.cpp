@@ -54,6 +54,18 @@ struct One {
 
 } // namespace
 
+TEST_CASE(
+    "two that have heard of nobody, though they were told of others, begin terms of their own") {
+    std::vector<protocol::Term> begun;
+    for (const std::uint8_t number : {std::uint8_t{1}, std::uint8_t{2}}) {
+        Membership one(rank_of(number), terms, false, Instant{});
+        one.set_synced(Instant{});
+        REQUIRE(one.update(Instant{} + 1h) == Change::begins_to_lead);
+        begun.push_back(one.term());
+    }
+    CHECK(begun[0].counter != begun[1].counter);
+}
+
 TEST_CASE("a broker that stands alone leads at once") {
     Membership membership(rank_of(1), terms, true, {});
     CHECK(membership.update({}) == Change::begins_to_lead);
@@ -114,11 +126,12 @@ TEST_CASE("the next one takes over when the leader is gone, with a greater term"
 TEST_CASE("whoever hears of a greater term leads no more, and begins another one later") {
     One one(1);
     REQUIRE(one.after(2600ms) == Change::begins_to_lead);
-    one.membership.learn({700, broker_of(9)}); // a worker has heard of it
+    const std::uint64_t later = one.membership.term().counter + 600;
+    one.membership.learn({later, broker_of(9)}); // a worker has heard of it
     CHECK(one.after(0s) == Change::leads_no_more);
     CHECK(one.after(1299ms) == Change::none);
     CHECK(one.after(1ms) == Change::begins_to_lead);
-    CHECK(one.membership.term().counter > 700);
+    CHECK(one.membership.term().counter > later);
     CHECK(one.membership.term().leader == broker_of(1));
     one.membership.learn({UINT64_MAX, broker_of(9)}); // nothing is above that: it is rubbish
     CHECK(one.after(0s) == Change::none);
@@ -127,9 +140,10 @@ TEST_CASE("whoever hears of a greater term leads no more, and begins another one
 TEST_CASE("of two terms with one counter one is greater, so that two leaders do not last") {
     One one(1);
     REQUIRE(one.after(2600ms) == Change::begins_to_lead);
-    one.membership.learn({100, broker_of(0)});
+    const std::uint64_t counter = one.membership.term().counter;
+    one.membership.learn({counter, broker_of(0)});
     CHECK(one.after(0s) == Change::none);
-    one.membership.learn({100, broker_of(2)});
+    one.membership.learn({counter, broker_of(2)});
     CHECK(one.after(0s) == Change::leads_no_more);
 }
 

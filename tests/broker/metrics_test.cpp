@@ -18,8 +18,12 @@ namespace {
 /// No two numbers of it are the same.
 Report some_report() {
     Report report;
-    report.epoch = 1;
     Figures& f = report.figures;
+    f.term = 1;
+    f.leads = true;
+    f.brokers_here = 63;
+    f.brokers_gone = 64;
+    f.jobs_lacking_copies = 65;
     f.jobs = {2, 3, 4, 5, 6, 7, 8};
     f.jobs_ready = 9;
     f.cells_left = 10;

@@ -96,6 +96,51 @@ struct Following {
 
 } // namespace
 
+TEST_CASE("what was sent in an epoch before counts no more where the job is checked") {
+    for (const double verify : {0.0, 0.5}) {
+        Following f;
+        f.job.epoch = 2;
+        f.job.verify = verify;
+        f.step(FromStream{f.job});
+        protocol::TileDone tile = tile_of(f.job, 0);
+        tile.epoch = 1; // it came by another way than the job's state
+        f.step(FromBroker{tile});
+        CHECK(f.follower.have_count() == (verify > 0 ? 0 : 1));
+        tile.epoch = 2;
+        f.step(FromBroker{tile});
+        CHECK(f.follower.have_count() == 1);
+        tile = tile_of(f.job, 1); // it is not known when
+        f.step(FromBroker{tile});
+        CHECK(f.follower.have_count() == 2);
+    }
+}
+
+TEST_CASE("an epoch that nobody has any more is not waited for for ever") {
+    for (const double verify : {0.0, 0.5}) {
+        CAPTURE(verify);
+        Following f;
+        f.job.epoch = 9; // of a broker that has died since, and nobody else had heard of
+        f.job.verify = verify;
+        f.step(FromStream{f.job});
+        protocol::TileDone tile = tile_of(f.job, 0);
+        tile.epoch = 9;
+        f.step(FromStream{tile});
+        REQUIRE(f.follower.have_count() == 1);
+        f.job.epoch = 8;
+        f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+        f.now = f.now + 9s;
+        f.step(FromStream{f.job}); // late, perhaps
+        f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+        CHECK(f.follower.state().epoch == 9);
+        f.now = f.now + 1s;
+        f.step(FromStream{f.job});
+        CHECK(f.follower.state().epoch == 9);
+        f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+        CHECK(f.follower.state().epoch == 8);
+        CHECK(f.follower.have_count() == (verify > 0 ? 0 : 1));
+    }
+}
+
 TEST_CASE("what a distrusted worker has drawn is missing again, and comes from others") {
     Following f;
     const auto from = [&](std::uint32_t tile, std::uint8_t worker) {

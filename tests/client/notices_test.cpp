@@ -144,6 +144,58 @@ TEST_CASE("of a short wait, of a job that is over, and where none is wanted noth
     CHECK(written.text().empty());
 }
 
+TEST_CASE("that fewer brokers keep a job than should is said once, and that all do again") {
+    const auto kept = [](std::uint32_t copies) {
+        protocol::JobState state = job("");
+        state.copies = copies;
+        state.copies_wanted = 2;
+        return state;
+    };
+    Written written(options);
+    CopiesNotice notice(written.console, ProgressMode::plain);
+    notice.update(start, kept(2));
+    CHECK(notice.tick(start + 1h) == Instant::never()); // as it should be
+    notice.update(start + 1h, kept(0));
+    CHECK(notice.tick(start + 1h) == start + 1h + unsaid_max);
+    notice.update(start + 1h + 1ms, kept(0));
+    (void)notice.tick(start + 1h + unsaid_max);
+    (void)notice.tick(start + 2h);
+    notice.update(start + 2h, kept(1));
+    notice.update(start + 2h, kept(0)); // for too short to be told
+    CHECK(notice.tick(start + 3h) == Instant::never());
+    notice.update(start + 3h, kept(1));
+    (void)notice.tick(start + 4h);
+    notice.update(start + 4h, kept(2));
+    (void)notice.tick(start + 5h);
+    auto over = kept(0);
+    over.phase = protocol::JobPhase::done;
+    notice.update(start + 5h, over);
+    CHECK(notice.tick(start + 6h) == Instant::never());
+    CHECK(written.text() ==
+          "fraja-test: warning: a single broker of 3 keeps the job: if that one is lost, so is the "
+          "job\n"
+          "fraja-test: 2 of 3 brokers keep the job\n"
+          "fraja-test: all 3 brokers keep the job\n");
+}
+
+TEST_CASE("with --progress none it is said only where a single broker keeps a job") {
+    Written written(options);
+    CopiesNotice notice(written.console, ProgressMode::none);
+    protocol::JobState state = job("");
+    for (const std::uint32_t copies : {1u, 2u, 0u}) {
+        state.copies = copies;
+        state.copies_wanted = 2;
+        notice.update(start, state);
+        (void)notice.tick(start + unsaid_max);
+    }
+    CHECK(written.text().starts_with("fraja-test: warning: a single broker of 3"));
+    CHECK(std::ranges::count(written.text(), '\n') == 1);
+    Written alone(options);
+    CopiesNotice none(alone.console, ProgressMode::plain);
+    none.update(start, job(""));
+    CHECK(none.tick(start + 1h) == Instant::never());
+}
+
 TEST_CASE("what is resumed is said with what was there, and that nothing was") {
     Written written(options);
     auto state = job("");

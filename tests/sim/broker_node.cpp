@@ -163,8 +163,11 @@ void BrokerNode::perform(broker::SendStored&& wish) {
         const auto found = disk_.kept().tiles(wish.job, tile);
         if (found.empty())
             farm_.violation("the broker wants a tile from the store that is not there");
-        for (const auto& done : found)
-            perform(broker::Send{wish.peer, *done});
+        for (const auto& done : found) {
+            protocol::TileDone sent = *done;
+            sent.epoch = wish.epoch;
+            perform(broker::Send{wish.peer, std::move(sent)});
+        }
     }
 }
 

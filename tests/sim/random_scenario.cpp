@@ -186,6 +186,9 @@ void stand_for_each_other(Scenario& s, std::size_t brokers) {
     s.branches = 0;
     for (WorkerPlan& worker : s.workers)
         worker.branch = 0;
+    Rng rng(s.seed);
+    if (!has_liars(s) && rng.below(3) == 0) // what is not checked may outlive who leads
+        add_liar(rng, s);
 }
 
 Scenario random_scenario(std::uint64_t seed) {

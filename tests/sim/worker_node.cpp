@@ -32,8 +32,10 @@ WorkerNode::WorkerNode(Farm& farm, const std::vector<Place>& places, std::size_t
     for (const Place& place : places) {
         Way& way = *ways_.emplace_back(std::make_unique<Way>(place, process_));
         way.line.hear = [this, &way](protocol::Message&& message) {
-            if (way.session)
-                step(worker::SessionEvent{*way.session, worker::Received{std::move(message)}});
+            if (!way.session)
+                return;
+            note_term(way, message);
+            step(worker::SessionEvent{*way.session, worker::Received{std::move(message)}});
         };
         way.line.reconnected = [this, &way] {
             way.place.network->in_process(process_, [this, &way] { flush(way); });
@@ -104,6 +106,52 @@ void WorkerNode::step(const worker::CrewEvent& event) {
     ways_.front()->place.network->wake(process_, crew_->next_deadline());
 }
 
+void WorkerNode::forget_terms(Way& way) {
+    way.broker = {};
+    way.others.clear();
+    way.told = {};
+}
+
+/// Of brokers of which each has named the other a tile of an older term than one has told.
+void WorkerNode::note_term(Way& way, const protocol::Message& message) {
+    const auto hear = [&](const protocol::Term& term, const std::vector<protocol::Member>& list) {
+        way.told = std::max(way.told, term);
+        way.others.clear();
+        for (const protocol::Member& member : list)
+            way.others.insert(member.broker);
+    };
+    const auto* welcome = std::get_if<protocol::Welcome>(&message);
+    if (welcome && way.broker != BrokerId{}) {
+        forget_terms(way); // it greets anew
+        way.incarnation = 0;
+    } else if (welcome && welcome->incarnation == way.incarnation) {
+        way.broker = welcome->broker;
+        hear(welcome->term, welcome->brokers);
+    } else if (const auto* brokers = std::get_if<protocol::Brokers>(&message);
+               brokers && way.broker != BrokerId{}) {
+        hear(brokers->term, brokers->brokers);
+    } else if (const auto* order = std::get_if<protocol::RenderTile>(&message)) {
+        protocol::Term known;
+        for (const auto& one : ways_)
+            if (one->others.contains(way.broker) && way.others.contains(one->broker))
+                known = std::max(known, one->told);
+        const std::tuple key{order->job, order->tile, order->attempt};
+        if (!(order->term < known))
+            way.obeyed.insert(key);
+        else if (!way.obeyed.contains(key)) // it may come twice
+            way.stale.insert(key);
+        way.told = std::max(way.told, order->term);
+    }
+}
+
+bool WorkerNode::obeys_leader_of_before(const protocol::Message& message) const {
+    const auto* answer = std::get_if<protocol::TileRendered>(&message);
+    return answer && std::ranges::any_of(ways_, [&](const auto& way) {
+               const std::tuple key{answer->job, answer->tile, answer->attempt};
+               return way->stale.contains(key) && !way->obeyed.contains(key);
+           });
+}
+
 WorkerNode::Way* WorkerNode::way_of(Index session) {
     const auto found =
         std::ranges::find_if(ways_, [&](const auto& way) { return way->session == session; });
@@ -113,6 +161,9 @@ WorkerNode::Way* WorkerNode::way_of(Index session) {
 void WorkerNode::open(Index session, Way& way) {
     way.session = session;
     way.outbox.clear();
+    forget_terms(way);
+    way.obeyed.clear();
+    way.stale.clear();
     way.place.network->connect(way.line);
 }
 
@@ -142,8 +193,14 @@ void WorkerNode::perform(Index session, worker::Send&& send) {
     Way* way = way_of(session);
     if (!way)
         return farm_.violation("a worker speaks to a broker that it does not serve");
-    if (std::holds_alternative<protocol::WorkerHello>(send.message))
+    if (const auto* hello = std::get_if<protocol::WorkerHello>(&send.message)) {
         way->outbox.clear();
+        forget_terms(*way);
+        way->incarnation = hello->incarnation;
+    }
+    if (obeys_leader_of_before(send.message))
+        farm_.violation("worker " + std::to_string(index_) +
+                        " draws what a leader of before gave it");
     way->outbox.push_back(std::move(send.message));
 }
 

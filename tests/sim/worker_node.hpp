@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -46,6 +47,13 @@ private:
         Line line;
         std::optional<Index> session; ///< that has it
         std::deque<protocol::Message> outbox;
+        std::uint64_t incarnation = 0;
+        // What its broker has said since it answered the last hello:
+        BrokerId broker{};
+        std::set<BrokerId> others{}; ///< that stand for it
+        protocol::Term told{};       ///< the greatest
+        using Order = std::tuple<JobId, TileIndex, AttemptNumber>;
+        std::set<Order> obeyed{}, stale{}; ///< of the newest term that was known then; of others
     };
     struct Waiting {
         Index session{};
@@ -53,6 +61,9 @@ private:
     };
 
     void step(const worker::CrewEvent& event);
+    void note_term(Way& way, const protocol::Message& message);
+    static void forget_terms(Way& way);
+    [[nodiscard]] bool obeys_leader_of_before(const protocol::Message& message) const;
     void flush(Way& way);
     [[nodiscard]] Way* way_of(Index session);
     void open(Index session, Way& way);

@@ -231,8 +231,9 @@ std::string told(const Persist& action) {
            std::visit([](const auto& w) { return told(w); }, write);
 }
 std::string told(const SendStored& action) {
-    const auto& [peer, job, tiles] = action;
-    return "send_stored " + peer + field("job", job) + field("tiles", tiles);
+    const auto& [peer, job, tiles, epoch] = action;
+    return "send_stored " + peer + field("job", job) + field("tiles", tiles) +
+           field("epoch", epoch);
 }
 std::string told(const LoadScene& action) {
     const auto& [job, scene, peer] = action;
