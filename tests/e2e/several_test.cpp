@@ -4,11 +4,10 @@
 #include "common/net/keys.hpp"
 #include "common/net/sockets.hpp"
 #include "common/protocol/codec.hpp"
+#include "tests/e2e/brokers.hpp"
 #include "tests/e2e/ring.hpp"
 
 #include <algorithm>
-#include <csignal>
-#include <deque>
 #include <optional>
 #include <variant>
 
@@ -16,77 +15,6 @@ using namespace fraja;
 using namespace fraja::e2e;
 
 namespace {
-
-Process start_program(const std::string& name, Words words) {
-    words.insert(words.begin(), program(name));
-    auto process = Process::start({std::move(words)});
-    REQUIRE(process.has_value());
-    return std::move(*process);
-}
-
-/// The first one is alone at first. Each other knows it, and hears of the others from it.
-class Brokers {
-public:
-    explicit Brokers(std::size_t count, Words options = {}) : options_(std::move(options)) {
-        for (std::size_t i = 0; i < count; ++i)
-            start(i);
-        // What is submitted before they have met is kept by one alone.
-        const std::string others = std::to_string(count - 1);
-        for (std::size_t i = 0; i < count; ++i)
-            wait_for(i, others + (count > 2 ? " other brokers of " : " other broker of ") + others);
-        for (std::size_t i = 1; i < count; ++i)
-            wait_for(i, "has all that the other brokers have");
-    }
-
-    /// With what it had kept before.
-    void start(std::size_t i) {
-        Words words{"--heartbeat", instrumented ? "2s" : "500ms", "--state",
-                    scratch_.file("broker" + std::to_string(i))};
-        words = with(std::move(words), options_);
-        for (const char* option : {"--bind", "--publish"}) {
-            words.emplace_back(option);
-            words.push_back(endpoints_.size() > i ? (option[2] == 'b' ? endpoints_ : streams_)[i]
-                                                  : "tcp://127.0.0.1:0");
-        }
-        if (!endpoints_.empty())
-            words = with(std::move(words), {"--peer", endpoints_[i == 0 ? 1 : 0]});
-        Process process = start_program("fraja-broker", words);
-        const auto line = process.wait_for_words(Process::Stream::out, "listening ", patience);
-        REQUIRE(line.has_value());
-        if (endpoints_.size() == i) {
-            const auto stream_at = line->find(" stream ");
-            endpoints_.push_back(line->substr(10, stream_at - 10));
-            streams_.push_back(line->substr(stream_at + 8));
-            processes_.push_back(std::move(process));
-        } else {
-            processes_[i] = std::move(process);
-        }
-    }
-    void wait_for(std::size_t i, const std::string& words) {
-        REQUIRE(processes_[i].wait_for_words(Process::Stream::err, words, patience).has_value());
-    }
-    void kill(std::size_t i) {
-        processes_[i].send(SIGKILL);
-        (void)processes_[i].wait_for_exit(patience);
-    }
-    [[nodiscard]] Process& at(std::size_t i) { return processes_[i]; }
-    [[nodiscard]] const std::string& endpoint(std::size_t i) const { return endpoints_[i]; }
-
-private:
-    Scratch scratch_;
-    Words options_, endpoints_, streams_;
-    std::deque<Process> processes_;
-};
-
-/// Knows the first broker alone; each of them has welcomed it.
-Process start_worker(Brokers& brokers, std::size_t count, const std::string& name,
-                     const Words& options = {}) {
-    Process worker = start_program(
-        "fraja-worker", with({"-b", brokers.endpoint(0), "-j", "1", "--name", name}, options));
-    for (std::size_t i = 0; i < count; ++i)
-        brokers.wait_for(i, "worker " + name + " is here");
-    return worker;
-}
 
 /// Who says to be a broker, and what it hears; nothing: it is not let in.
 std::optional<protocol::Refused> claim_to_be_broker(const net::Context& context,
@@ -123,8 +51,8 @@ TEST_CASE("any but one of several brokers may die in the middle of a job") {
             break;
         CAPTURE(count);
         Brokers brokers(count);
-        Process one = start_worker(brokers, count, "one");
-        Process two = start_worker(brokers, count, "two");
+        Process one = start_worker(brokers, "one");
+        Process two = start_worker(brokers, "two");
         Process client = start_program(
             "fraja-submit",
             with(long_picture(), {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
@@ -144,7 +72,7 @@ TEST_CASE("a broker that comes back is given all, and the next one may die") {
     const Scratch scratch;
     const std::string want = local_picture(scratch, long_picture());
     Brokers brokers(2);
-    Process worker = start_worker(brokers, 2, "one");
+    Process worker = start_worker(brokers, "one");
     Process client = start_program(
         "fraja-submit",
         with(long_picture(), {"-b", brokers.endpoint(1), "-o", scratch.file("farm.png")}));
@@ -177,8 +105,8 @@ TEST_CASE("brokers with keys stand for each other, and nobody else does") {
     const Ring ring;
     ring.allow({{"worker", "worker"}, {"second", "worker"}, {"ada", "submit,admin"}});
     Brokers brokers(3, ring.farm_options());
-    Process one = start_worker(brokers, 3, "one", {"--key-file", ring.file("worker")});
-    Process two = start_worker(brokers, 3, "two", {"--key-file", ring.file("second")});
+    Process one = start_worker(brokers, "one", {"--key-file", ring.file("worker")});
+    Process two = start_worker(brokers, "two", {"--key-file", ring.file("second")});
 
     // A friend without the role, somebody whom nobody knows, somebody without a key, and a broker
     // of another farm.
