@@ -189,9 +189,9 @@ private:
         if (on_action)
             on_action(action);
         if (const auto* message = std::get_if<Send>(&action))
-            (void)protocol::encode(message->message);
+            (void)protocol::encode(message->message, message->version);
         if (const auto* message = std::get_if<Publish>(&action))
-            (void)protocol::encode(message->message);
+            (void)protocol::encode(message->message, protocol::oldest_version_spoken);
         if (const auto* send = std::get_if<Send>(&action)) {
             if (std::holds_alternative<protocol::Welcome>(send->message))
                 received[send->peer] = 0;
@@ -211,8 +211,10 @@ private:
             orders_filled.push_back(std::move(*filled));
         else if (const auto* failed = std::get_if<OrderFailed>(&action))
             orders_failed.push_back(*failed);
-        else
-            logs.push_back(std::move(std::get<Log>(action)));
+        else if (auto* line = std::get_if<Log>(&action))
+            logs.push_back(std::move(*line));
+        else // a Fleet's are heard
+            REQUIRE((std::holds_alternative<Dial>(action) || std::holds_alternative<Tell>(action)));
     }
     std::set<PeerId> clients;
 };
