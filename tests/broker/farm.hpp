@@ -39,7 +39,11 @@ public:
             take(std::move(action));
     }
     void say(const PeerId& peer, protocol::Message message) {
-        event(PeerSaid{peer, std::move(message)});
+        event(PeerSaid{peer, std::move(message), {}, spoken_by(peer)});
+    }
+    [[nodiscard]] protocol::Version spoken_by(const PeerId& peer) const {
+        const auto found = versions_spoken.find(peer);
+        return found == versions_spoken.end() ? protocol::version : found->second;
     }
     void pass(Duration d) { // in small steps, as a poll loop would
         const Instant end = now + d;
@@ -64,7 +68,7 @@ public:
                                              .memory_bytes = 0,
                                              .tags = std::move(tags),
                                              .program_version = "test"},
-                       holder});
+                       holder, spoken_by(peer)});
     }
     void client_arrives(const PeerId& peer) { say(peer, protocol::ClientHello{peer, "test"}); }
 
@@ -173,7 +177,8 @@ public:
     Instant now{std::chrono::hours(1)};
     Dispatcher dispatcher;
     std::map<PeerId, std::vector<protocol::Message>> sent;
-    std::map<PeerId, std::uint64_t> received; ///< tiles, by the workers' account
+    std::map<PeerId, std::uint64_t> received;            ///< tiles, by the workers' account
+    std::map<PeerId, protocol::Version> versions_spoken; ///< by those who do not speak the newest
     std::vector<Publish> stream;
     std::vector<Persist> persisted;
     std::vector<SendStored> from_store;
