@@ -126,9 +126,22 @@ std::vector<std::string> Dispatcher::describe(Instant now) const {
 /// A job that came from another broker has no client here: what would be for it is for nobody.
 void Dispatcher::send(const PeerId& peer, protocol::Message message) {
     FRAJA_ASSERT(actions_ != nullptr);
-    if (peer.empty())
+    const protocol::Version spoken = version_of(peer);
+    if (peer.empty() || !is_known_to(spoken, message)) // which an older peer does without
         return;
-    actions_->push_back(Send{peer, std::move(message)});
+    actions_->push_back(Send{peer, std::move(message), spoken});
+}
+
+/// Whoever speaks is answered in the same version, a session goes on in that of its hello.
+protocol::Version Dispatcher::version_of(const PeerId& peer) const {
+    if (peer == speaker_.peer)
+        return speaker_.version;
+    const auto older = older_peers_.find(peer);
+    return older == older_peers_.end() ? protocol::version : older->second;
+}
+
+bool Dispatcher::may_follow(const PeerId& peer, const Job& job) const {
+    return !job.is_checked() || version_of(peer) >= checked_jobs_since;
 }
 
 void Dispatcher::log(Log line) {

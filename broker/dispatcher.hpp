@@ -24,10 +24,16 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 namespace fraja::broker {
+
+/// Clients of before do not know of distrust, and would keep what was drawn wrong.
+inline constexpr protocol::Version checked_jobs_since = 12;
+inline constexpr std::string_view cannot_follow =
+    "the tiles of this job are checked (--verify): a newer program can follow it";
 
 class Dispatcher {
 public:
@@ -177,7 +183,9 @@ private:
     [[nodiscard]] protocol::Term term() const { return membership_.term(); }
     [[nodiscard]] std::string described_revisions(const Job& job) const;
     void on(const BrokerSaid& event);
-    void meet_broker(const PeerId& peer, const protocol::BrokerHello& hello);
+    void meet_broker(const PeerId& peer, protocol::Version spoken,
+                     const protocol::BrokerHello& hello);
+    void note_other_version(const std::string& endpoint, const std::string& why);
     void dial(const std::string& endpoint, bool is_configured);
     void consider_dialling(const protocol::Member& member);
     [[nodiscard]] protocol::BrokerHello own_hello() const;
@@ -253,6 +261,8 @@ private:
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
     void on(const PeerSpokeRubbish& event);
+    void refuse_version(const PeerSpokeRubbish& event);
+    void note_version(const PeerId& peer);
     void on(const PeerUnreachable& event);
     [[nodiscard]] protocol::Welcome welcome(std::uint64_t incarnation) const;
     void welcome_worker(const PeerId& peer, const protocol::WorkerHello& hello,
@@ -305,7 +315,7 @@ private:
     oldest_to_free(const Job& wanted, std::uint64_t picture_bytes, std::uint64_t scene_bytes) const;
     void make_room(const std::vector<JobId>& going, const protocol::SubmitJob& coming);
     [[nodiscard]] std::shared_ptr<Party> party_of(const Job& job);
-    [[nodiscard]] Job* newest_like(const protocol::SubmitJob& submission);
+    [[nodiscard]] Job* newest_like(const PeerId& peer, const protocol::SubmitJob& submission);
     void ask_for_scene(Job& job);
     void fail_without_scene(Job& job, const std::string& why);
     void give_up_scene(Job& job, const std::string& why);
@@ -528,6 +538,8 @@ private:
     void count_workers(Figures& all) const;
 
     void send(const PeerId& peer, protocol::Message message);
+    [[nodiscard]] protocol::Version version_of(const PeerId& peer) const;
+    [[nodiscard]] bool may_follow(const PeerId& peer, const Job& job) const;
     void log(Log line);
 
     Identity identity_;
@@ -557,6 +569,12 @@ private:
     std::map<WorkerId, PeerId> peer_of_worker_;
     std::map<WorkerId, Absent> absent_;
     std::map<PeerId, ClientSession> clients_;
+    std::map<PeerId, protocol::Version> older_peers_; ///< of these and workers_
+    struct Speaker {
+        PeerId peer;
+        protocol::Version version = protocol::version;
+    };
+    Speaker speaker_; ///< the last one, whether it has a session or not
     std::set<std::pair<std::uint64_t, PeerId>>
         free_workers_;                    ///< with credit left, the least loaded first
     std::size_t workers_with_credit_ = 0; ///< whose room is not 0

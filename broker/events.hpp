@@ -41,7 +41,8 @@ using Holder = std::shared_ptr<const protocol::KeyHolder>;
 struct PeerSaid {
     PeerId peer;
     protocol::Message message;
-    Holder holder = {}; ///< whose key it came with, as it is now
+    Holder holder = {};                            ///< whose key it came with, as it is now
+    protocol::Version version = protocol::version; ///< that it was said in
 };
 /// From now on these keys are known.
 struct RolesChanged {
@@ -51,6 +52,7 @@ struct RolesChanged {
 struct PeerSpokeRubbish {
     PeerId peer;
     Error error;
+    protocol::Version version = protocol::version; ///< as far as bytes tell
 };
 /// A message could not be sent: the connection is gone, or its peer does not read.
 struct PeerUnreachable {
@@ -60,6 +62,7 @@ struct PeerUnreachable {
 struct BrokerSaid {
     std::string endpoint;
     protocol::Message message;
+    protocol::Version version = protocol::version; ///< that it was said in
 };
 struct TopicSubscribed {
     std::string topic;
@@ -105,6 +108,7 @@ using Event = std::variant<PeerSaid, PeerSpokeRubbish, PeerUnreachable, BrokerSa
 struct Send {
     PeerId peer;
     protocol::Message message;
+    protocol::Version version = protocol::version; ///< that the peer speaks, and that knows it
 };
 /// Connect to another broker, as a client does, and stay so until HangUp.
 struct Dial {
@@ -118,6 +122,7 @@ struct Tell {
     std::string endpoint;
     protocol::Message message;
 };
+/// In the oldest version that is spoken: nobody knows who listens.
 struct Publish {
     std::string topic;
     protocol::Message message;
@@ -132,7 +137,8 @@ struct SendStored {
     PeerId peer;
     JobId job;
     std::vector<TileIndex> tiles;
-    std::uint64_t epoch = 0; ///< that they say to be of
+    std::uint64_t epoch = 0;                       ///< that they say to be of
+    protocol::Version version = protocol::version; ///< as in Send
 };
 /// Answered by SceneLoaded.
 struct LoadScene {

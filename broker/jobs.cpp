@@ -177,7 +177,7 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
                       submission.job);
     Job* known = job_of(submission.job);
     if (!known && submission.resume)
-        known = newest_like(submission);
+        known = newest_like(peer, submission);
     if (known) {
         const SubmitJob& s = known->submission();
         SubmitJob as_known = submission;
@@ -239,10 +239,11 @@ void Dispatcher::submit(const PeerId& peer, const SubmitJob& submission) {
 }
 
 /// The newest job that draws the same picture.
-Job* Dispatcher::newest_like(const SubmitJob& submission) {
+Job* Dispatcher::newest_like(const PeerId& peer, const SubmitJob& submission) {
     for (auto entry = job_by_number_.rbegin(); entry != job_by_number_.rend(); ++entry)
         if (Job& job = jobs_.at(entry->second); job.submission().scene == submission.scene &&
-                                                job.submission().settings == submission.settings)
+                                                job.submission().settings == submission.settings &&
+                                                may_follow(peer, job))
             return &job;
     return nullptr;
 }
@@ -421,6 +422,8 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
                       "'" + what + "' fits " + std::to_string(found.size()) +
                           " jobs: give more of the id" +
                           (numbered(what) ? ", or '#" + what + "'" : ""));
+    if (!may_follow(peer, *found.front()))
+        return refuse(peer, RefusalCode::no_such_job, std::string(cannot_follow));
     send(peer, state_of(*found.front()));
 }
 

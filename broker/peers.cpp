@@ -12,6 +12,15 @@ namespace fraja::broker {
 
 using namespace protocol;
 
+namespace {
+
+std::string of_one_version(Version theirs) {
+    return "brokers that stand for each other speak one version of the protocol, and it speaks " +
+           std::to_string(theirs) + ", this one " + std::to_string(protocol::version);
+}
+
+} // namespace
+
 // ------------------------------------------------------------------------------------ connections
 
 void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
@@ -85,7 +94,11 @@ void Dispatcher::tell_all(const Message& message) {
 // --------------------------------------------------------------------------------- who says what
 
 /// Somebody has dialled this broker, perhaps itself: it hears so by the answer.
-void Dispatcher::meet_broker(const PeerId& peer, const BrokerHello& hello) {
+void Dispatcher::meet_broker(const PeerId& peer, Version spoken, const BrokerHello& hello) {
+    if (spoken != protocol::version) {
+        note_other_version(hello.endpoint, of_one_version(spoken));
+        return refuse(peer, RefusalCode::version_mismatch, of_one_version(spoken));
+    }
     if (const auto worker = workers_.find(peer); worker != workers_.end())
         end_worker(worker, Departure::replaced, "its connection says to be a broker");
     end_client(peer, Departure::replaced);
@@ -107,13 +120,26 @@ void Dispatcher::meet_broker(const PeerId& peer, const BrokerHello& hello) {
     send(peer, own_beat());
 }
 
+/// Told in the log once in a while, as both go on asking.
+void Dispatcher::note_other_version(const std::string& endpoint, const std::string& why) {
+    if (refusals_told_.is_new(now_, endpoint + why))
+        log({.level = LogLevel::warning,
+             .kind = "wrong_version",
+             .subject = endpoint,
+             .text = "broker " + endpoint + " does not stand for this one: " + why});
+}
+
 void Dispatcher::on(const BrokerSaid& event) {
     const auto found = lines_.find(event.endpoint);
     if (found == lines_.end())
         return;
     Line& line = found->second;
-    if (const auto* refused = std::get_if<Refused>(&event.message);
-        refused && refused->code == RefusalCode::unknown_peer) {
+    const auto* refused = std::get_if<Refused>(&event.message);
+    if (event.version != protocol::version)
+        return note_other_version(event.endpoint, of_one_version(event.version));
+    if (refused && refused->code == RefusalCode::version_mismatch)
+        return note_other_version(event.endpoint, refused->reason);
+    if (refused && refused->code == RefusalCode::unknown_peer) {
         line.broker.reset();
         if (now_ - line.hello_at >= limits_.heartbeat / limits_.peer_beats)
             say_hello(event.endpoint, line);

@@ -11,10 +11,26 @@ namespace fraja::broker {
 
 using namespace protocol;
 
+namespace {
+
+std::string by_version(Version spoken) {
+    return spoken < protocol::version ? ", by protocol version " + std::to_string(spoken) : "";
+}
+
+} // namespace
+
 void Dispatcher::refuse(const PeerId& peer, RefusalCode code, const std::string& reason,
                         JobId job) {
     // A reason may quote what came, and has room for less than all of it.
     send(peer, Refused{code, job, std::string(clipped(reason, string_bytes_max))});
+}
+
+/// Of who has just said hello, for as long as its session is open.
+void Dispatcher::note_version(const PeerId& peer) {
+    if (const Version spoken = version_of(peer); spoken < protocol::version)
+        older_peers_[peer] = spoken;
+    else
+        older_peers_.erase(peer);
 }
 
 /// Somebody who has said hello.
@@ -28,16 +44,28 @@ void Dispatcher::turn_away(const PeerId& peer, RefusalCode code, const std::stri
 }
 
 void Dispatcher::on(const PeerSpokeRubbish& event) {
-    const bool version = event.error.code == ErrorCode::version_mismatch;
-    ++(version ? counters_.wrong_version : counters_.rubbish);
+    speaker_ = {event.peer, is_spoken(event.version) ? event.version : protocol::version};
+    if (event.error.code == ErrorCode::version_mismatch)
+        return refuse_version(event);
+    ++counters_.rubbish;
     log({.level = LogLevel::warning,
-         .kind = version ? "wrong_version" : "rubbish",
+         .kind = "rubbish",
          .subject = {},
-         .text = std::string("refused a ") +
-                 (version ? "message of another version: " : "malformed message: ") +
-                 event.error.message});
-    refuse(event.peer, version ? RefusalCode::version_mismatch : RefusalCode::malformed,
-           event.error.message);
+         .text = "refused a malformed message: " + event.error.message});
+    refuse(event.peer, RefusalCode::malformed, event.error.message);
+}
+
+/// Told in the log once in a while, as such a peer may come back for ever. One of the next version
+/// hears by the answer which one is spoken here, and says hello again in that.
+void Dispatcher::refuse_version(const PeerSpokeRubbish& event) {
+    const bool is_next = event.version == protocol::version + 1;
+    counters_.wrong_version += !is_next;
+    if (!is_next && refusals_told_.is_new(now_, event.error.message))
+        log({.level = LogLevel::warning,
+             .kind = "wrong_version",
+             .subject = {},
+             .text = "refused a message of another version: " + event.error.message});
+    refuse(event.peer, RefusalCode::version_mismatch, event.error.message);
 }
 
 void Dispatcher::on(const PeerUnreachable& event) {
@@ -52,6 +80,7 @@ void Dispatcher::on(const PeerUnreachable& event) {
 
 void Dispatcher::on(const PeerSaid& event) {
     const PeerId& peer = event.peer;
+    speaker_ = {peer, event.version};
     if (!may_say(event))
         return;
     if (const auto* hello = std::get_if<WorkerHello>(&event.message))
@@ -59,7 +88,7 @@ void Dispatcher::on(const PeerSaid& event) {
     if (const auto* hello = std::get_if<ClientHello>(&event.message))
         return welcome_client(peer, *hello, event.holder);
     if (const auto* hello = std::get_if<BrokerHello>(&event.message))
-        return meet_broker(peer, *hello);
+        return meet_broker(peer, event.version, *hello);
     if (const auto broker = brokers_by_peer_.find(peer); broker != brokers_by_peer_.end())
         return from_broker(BrokerId(broker->second), {false, peer}, event.message);
     if (const auto worker = workers_.find(peer); worker != workers_.end()) {
@@ -133,13 +162,14 @@ void Dispatcher::welcome_worker(const PeerId& peer, const WorkerHello& hello,
     worker.has_told = is_alone();
     set_credit(peer, worker, hello.credit);
     peer_of_worker_[hello.worker] = peer;
+    note_version(peer);
     ++counters_.workers_welcomed;
     log({.level = LogLevel::info,
          .kind = "worker_here",
          .subject = hello.worker_name,
          .text = "worker " + hello.worker_name + " is here: " + counted(hello.threads, "thread") +
-                 ", credit " + std::to_string(hello.credit) + ", version " +
-                 hello.program_version});
+                 ", credit " + std::to_string(hello.credit) + ", version " + hello.program_version +
+                 by_version(version_of(peer))});
     send(peer, welcome(hello.incarnation));
     if (!is_alone())
         send(peer, Brokers{term(), members()}); // it answers with what it has in hand
@@ -156,6 +186,7 @@ void Dispatcher::welcome_client(const PeerId& peer, const ClientHello& hello,
         return turn_away(peer, RefusalCode::limit_exceeded,
                          "this broker takes " + std::to_string(limits_.clients_max) + " clients");
     clients_[peer] = ClientSession{hello.client_name, now_, holder};
+    note_version(peer);
     send(peer, welcome(0));
 }
 
@@ -239,6 +270,7 @@ void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const
     WorkerSession session = std::move(worker->second);
     peer_of_worker_.erase(session.hello.worker);
     workers_.erase(worker);
+    older_peers_.erase(peer);
     const bool lost = departure == Departure::lost;
     counters_.workers_lost += lost;
     log({.level = lost ? LogLevel::warning : LogLevel::info,
@@ -308,6 +340,7 @@ void Dispatcher::forget_absent_workers() {
 void Dispatcher::end_client(const PeerId& peer, Departure departure) {
     if (clients_.erase(peer) == 0)
         return;
+    older_peers_.erase(peer);
     std::vector<JobId> orphans;
     for (const auto& [id, job] : jobs_)
         if (job.phase == JobPhase::waiting_for_scene && !job.is_being_kept && job.client() == peer)

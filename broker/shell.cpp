@@ -284,12 +284,13 @@ private:
         if (!received)
             return false;
         report_.received_bytes += byte_count(received->frames);
+        const auto version = protocol::version_of(received->frames).value_or(protocol::version);
         auto message = protocol::decode(received->frames);
         if (message)
             step(PeerSaid{std::move(received->peer), std::move(*message),
-                          std::move(received->holder)});
+                          std::move(received->holder), version});
         else
-            step(PeerSpokeRubbish{std::move(received->peer), message.error()});
+            step(PeerSpokeRubbish{std::move(received->peer), message.error(), version});
         return true;
     }
 
@@ -309,13 +310,14 @@ private:
         if (!frames)
             return false;
         report_.received_bytes += byte_count(*frames);
+        auto& told = found->second.rubbish;
         if (auto message = protocol::decode(*frames))
-            step(BrokerSaid{endpoint, std::move(*message)});
-        else
+            step(BrokerSaid{endpoint, std::move(*message), *protocol::version_of(*frames)});
+        else if (std::exchange(told, message.error().message) != message.error().message)
             log({LogLevel::warning,
                  "rubbish",
                  {},
-                 "broker " + endpoint + " is not understood: " + message.error().message});
+                 "broker " + endpoint + " is not understood: " + told});
         return true;
     }
 
@@ -336,7 +338,7 @@ private:
         const auto found = dialled_.find(words.endpoint);
         if (found == dialled_.end())
             return;
-        auto& [socket, refusal] = found->second;
+        auto& [socket, refusal, rubbish] = found->second;
         const protocol::Packet packet = protocol::encode(words.message);
         if (socket.send(packet) == net::SendStatus::sent) {
             report_.sent_bytes += packet_bytes(packet);
@@ -368,7 +370,7 @@ private:
 
     void perform(const Action& action, std::vector<Event>& events) {
         if (const auto* send = std::get_if<Send>(&action)) {
-            const protocol::Packet packet = protocol::encode(send->message);
+            const protocol::Packet packet = protocol::encode(send->message, send->version);
             if (router_.send(send->peer, packet) == net::SendStatus::sent)
                 report_.sent_bytes += packet_bytes(packet);
             else
@@ -380,7 +382,8 @@ private:
         } else if (const auto* words = std::get_if<Tell>(&action)) {
             tell(*words);
         } else if (const auto* publish = std::get_if<Publish>(&action)) {
-            const protocol::Packet packet = protocol::encode(publish->message);
+            const protocol::Packet packet =
+                protocol::encode(publish->message, protocol::oldest_version_spoken);
             report_.published_bytes += packet_bytes(packet);
             publisher_.publish(publish->topic, packet);
         } else if (const auto* write = std::get_if<Persist>(&action)) {
@@ -411,7 +414,7 @@ private:
             }
             for (protocol::TileDone& done : *stored) {
                 done.epoch = wish.epoch;
-                perform(Send{wish.peer, std::move(done)}, events);
+                perform(Send{wish.peer, std::move(done), wish.version}, events);
             }
         }
     }
@@ -424,7 +427,7 @@ private:
 
     struct Dialled {
         net::DealerSocket socket;
-        std::string refusal = {}; ///< that was logged
+        std::string refusal = {}, rubbish = {}; ///< that were logged
     };
 
     const net::Context& context_;

@@ -139,6 +139,8 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
     const Job* job = job_of(wish.job);
     if (!job || is_order(*job))
         return refuse(peer, RefusalCode::no_such_job, "there is no such job", wish.job);
+    if (!may_follow(peer, *job))
+        return refuse(peer, RefusalCode::no_such_job, std::string(cannot_follow), wish.job);
     std::uint32_t tiles = 0;
     std::uint64_t bytes = 0;
     const std::uint32_t tiles_max = std::min(wish.tiles_max, limits_.repair_tiles_max);
@@ -159,7 +161,8 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
         return true;
     });
     if (!stored.empty())
-        actions_->push_back(SendStored{peer, job->id(), std::move(stored), heeded_term_.counter});
+        actions_->push_back(
+            SendStored{peer, job->id(), std::move(stored), heeded_term_.counter, version_of(peer)});
     send(peer, RepairDone{state_of(*job), left});
 }
 

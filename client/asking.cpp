@@ -48,6 +48,8 @@ void Asking::step(Instant now, const Event& event, std::vector<Action>& actions)
         return finish(session_.failure(), actions);
     case Session::Change::opened:
         return ask(now, actions);
+    case Session::Change::heeded:
+        return;
     case Session::Change::none:
         break;
     }

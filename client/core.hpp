@@ -18,12 +18,13 @@ namespace fraja::client {
 /// By the session's connection.
 struct FromBroker {
     protocol::Message message;
+    protocol::Version version = protocol::version; ///< that it was said in
 };
 /// By the subscription.
 struct FromStream {
     protocol::Message message;
 };
-/// Frames on the session's connection that are no message of our version.
+/// Frames on the session's connection that are no message of a version that is spoken.
 struct Undecodable {
     Error error;
 };
@@ -82,6 +83,10 @@ using News = std::variant<Accepted, TileArrived, TilesWithdrawn, StateChanged, F
 struct Connect {
     std::string broker;
 };
+/// What is sent from now on, by whatever connection, is of that version. Before: of the newest.
+struct Speak {
+    protocol::Version version = protocol::version;
+};
 /// Open the stream, instead of the one there was; its subscriptions are forgotten.
 struct OpenStream {
     std::string told; ///< Welcome's words: an endpoint as the broker sees it
@@ -96,7 +101,7 @@ struct Send {
     protocol::Message message;
 };
 
-using Action = std::variant<Connect, OpenStream, Subscribe, Unsubscribe, Send, News>;
+using Action = std::variant<Connect, Speak, OpenStream, Subscribe, Unsubscribe, Send, News>;
 
 /// Decides; has no socket, clock, thread or global. Same history, same actions.
 class Core {

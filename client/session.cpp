@@ -52,10 +52,15 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
     }
     if (const auto* from = std::get_if<FromBroker>(&event)) {
         silent_at_ = open_ ? now + silence_max_ : Instant::never();
-        if (const auto* welcome = std::get_if<protocol::Welcome>(&from->message))
+        if (const auto* welcome = std::get_if<protocol::Welcome>(&from->message)) {
+            speak(from->version, actions); // if a hello has gone out since
             return take(now, *welcome, actions);
+        }
         if (const auto* refused = std::get_if<protocol::Refused>(&from->message))
-            return take(now, *refused, actions);
+            return refused->code == protocol::RefusalCode::version_mismatch &&
+                           from->version < protocol::version
+                       ? heed_older_version(now, from->version, actions)
+                       : take(now, *refused, actions);
         if (const auto* told = std::get_if<protocol::Brokers>(&from->message); told && open_)
             learn(told->brokers);
         return Change::none;
@@ -109,6 +114,20 @@ Session::Change Session::take(Instant now, const protocol::Refused& refused,
         say_hello(now, actions);
     }
     return Change::none;
+}
+
+/// An older broker refuses what is newer than itself, and by its answer says what it speaks: so it
+/// is greeted in that. It may also say so once more, of what was said before that.
+Session::Change Session::heed_older_version(Instant now, protocol::Version theirs,
+                                            std::vector<Action>& actions) {
+    if (theirs == spoken_)
+        return Change::heeded;
+    if (std::exchange(open_, false)) { // it has come in the place of a newer one
+        looking_since_ = now;
+        turn_ends_ = now + turn();
+    }
+    say_hello(now, actions, theirs);
+    return Change::heeded;
 }
 
 /// Of several brokers another one may let us in, whose list was read later.
@@ -178,10 +197,17 @@ void Session::look_for_broker(Instant now, std::vector<Action>& actions) {
     say_hello(now, actions);
 }
 
-void Session::say_hello(Instant now, std::vector<Action>& actions) {
+/// It begins with the newest version: the broker may be another one than the last time.
+void Session::say_hello(Instant now, std::vector<Action>& actions, protocol::Version spoken) {
+    speak(spoken, actions);
     actions.push_back(
         Send{protocol::ClientHello{options_.client_name, std::string(fraja::version)}});
     hello_due_ = now + hello_repeat;
+}
+
+void Session::speak(protocol::Version spoken, std::vector<Action>& actions) {
+    if (std::exchange(spoken_, spoken) != spoken)
+        actions.push_back(Speak{spoken});
 }
 
 /// How long one of several brokers is given. Alone it has all the time there is: ZeroMQ connects

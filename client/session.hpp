@@ -26,6 +26,7 @@ public:
 
     enum class Change {
         none,
+        heeded,  ///< it was a word to the session alone
         opened,  ///< welcome: whatever was asked on an earlier session must be asked again
         refused, ///< over, see `failure()`
         gave_up, ///< over, see `failure()`
@@ -36,6 +37,8 @@ public:
 
     [[nodiscard]] bool is_open() const { return open_; }
     [[nodiscard]] const protocol::Welcome& welcome() const { return welcome_; } ///< the last one
+    /// The version in which the broker is spoken to now.
+    [[nodiscard]] protocol::Version spoken() const { return spoken_; }
     [[nodiscard]] const std::string& broker() const { return options_.brokers[broker_]; }
     [[nodiscard]] Outcome failure() const { return failure_; }
 
@@ -44,7 +47,10 @@ public:
 
 private:
     void look_for_broker(Instant now, std::vector<Action>& actions);
-    void say_hello(Instant now, std::vector<Action>& actions);
+    void say_hello(Instant now, std::vector<Action>& actions,
+                   protocol::Version spoken = protocol::version);
+    void speak(protocol::Version spoken, std::vector<Action>& actions);
+    Change heed_older_version(Instant now, protocol::Version theirs, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Welcome& welcome, std::vector<Action>& actions);
     Change take(Instant now, const protocol::Refused& refused, std::vector<Action>& actions);
     Change take_refusal(Instant now, const std::string& reason, std::vector<Action>& actions);
@@ -64,6 +70,7 @@ private:
     bool known_lost_ = false; ///< and said so
     int losses_ = 0;          ///< of late: each doubles the silence that the next one takes
     Instant opened_at_{};
+    protocol::Version spoken_ = protocol::version;
     protocol::Welcome welcome_;
     Outcome failure_;
 

@@ -31,6 +31,7 @@ public:
         reached_ = action.broker;
         connect();
     }
+    void perform(const Speak& action) { spoken_ = action.version; }
     void perform(const OpenStream& action) {
         stream_.reset();
         const auto endpoint = net::stream_endpoint(reached_, action.told);
@@ -49,7 +50,8 @@ public:
     }
     void perform(const Send& action) {
         connect();
-        if (!dealer_ || dealer_->send(protocol::encode(action.message)) != net::SendStatus::sent)
+        if (!dealer_ ||
+            dealer_->send(protocol::encode(action.message, spoken_)) != net::SendStatus::sent)
             not_sent_ = true;
     }
     /// And what to do; nothing where there is no telling.
@@ -70,7 +72,7 @@ public:
         auto message = protocol::decode(*frames);
         if (!message)
             return Undecodable{message.error()};
-        return FromBroker{*std::move(message)};
+        return FromBroker{*std::move(message), *protocol::version_of(*frames)};
     }
     /// Rubbish on the stream is skipped: what it should have been is repaired.
     [[nodiscard]] std::optional<Event> receive_from_stream() {
@@ -92,7 +94,7 @@ public:
         if (!dealer_)
             return;
         dealer_->set_linger(farewell_max);
-        (void)dealer_->send(protocol::encode(protocol::Goodbye{}));
+        (void)dealer_->send(protocol::encode(protocol::Goodbye{}, spoken_));
     }
 
 private:
@@ -109,6 +111,7 @@ private:
     std::string reached_;
     std::optional<net::DealerSocket> dealer_;
     std::optional<net::SubscriberSocket> stream_;
+    protocol::Version spoken_ = protocol::version;
     bool not_sent_ = false;
 };
 

@@ -10,6 +10,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
+constexpr protocol::Version checks_since = 12;
 constexpr Duration submit_repeat = 2s;     // without a sign of an answer
 constexpr Duration least_time_limit = 1ms; // where getting so far has used up all of it
 
@@ -41,6 +42,8 @@ void Submission::step(Instant now, const Event& event, std::vector<Action>& acti
             submit(now, actions);
         }
         break;
+    case Session::Change::heeded:
+        return;
     case Session::Change::none:
         break;
     }
@@ -72,6 +75,13 @@ Instant Submission::next_deadline() const {
 }
 
 void Submission::submit(Instant now, std::vector<Action>& actions) {
+    if (request_.job.wishes.verify > 0 && session_.spoken() < checks_since)
+        return finish({ExitCode::refused, session_.broker() +
+                                              ": the broker is too old to have tiles checked "
+                                              "(--verify): it speaks protocol version " +
+                                              std::to_string(session_.spoken()) +
+                                              ", and must be updated"},
+                      actions);
     submitting_ = true;
     submit_due_ = now + submit_repeat;
     // Once: a job that is sent again must be the same.

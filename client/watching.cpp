@@ -42,6 +42,8 @@ void JobWatching::step(Instant now, const Event& event, std::vector<Action>& act
             find(now, actions);
         }
         break;
+    case Session::Change::heeded:
+        return;
     case Session::Change::none:
         break;
     }
@@ -144,6 +146,8 @@ void FarmWatching::step(Instant now, const Event& event, std::vector<Action>& ac
         actions.push_back(OpenStream{session_.welcome().stream});
         actions.push_back(Subscribe{std::string(protocol::farm_topic)});
         break;
+    case Session::Change::heeded:
+        return;
     case Session::Change::none:
         break;
     }

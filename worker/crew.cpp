@@ -243,7 +243,7 @@ void Crew::with_session(Turn& turn, std::size_t i, F deed) {
     for (const protocol::Message& answer : session.take_answers_for_allies())
         for (std::size_t j = 0; j < slots_.size(); ++j)
             if (j != i && is_connected(slots_[j]) && are_allies(slots_[i], slots_[j]))
-                turn.actions.push_back({index_of(j), Send{answer}});
+                turn.actions.push_back({index_of(j), Send{answer, slots_[j].session->spoken()}});
     if (session.is_over())
         retire(turn, i);
 }

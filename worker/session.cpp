@@ -63,7 +63,31 @@ Instant Session::next_deadline() const {
 void Session::on(Turn& turn, const Received& event) {
     if (is_connected())
         heard_ = turn.now;
+    if (heed_older_version(turn, event))
+        return;
     std::visit([&](const auto& message) { on_message(turn, message); }, event.message);
+}
+
+/// An older broker refuses what is newer than itself, and by its answer says what it speaks: so it
+/// is greeted in that. It may also say so once more, of what was said before that.
+bool Session::heed_older_version(Turn& turn, const Received& event) {
+    const auto* refused = std::get_if<protocol::Refused>(&event.message);
+    if (!refused || refused->code != RefusalCode::version_mismatch ||
+        event.version == protocol::version)
+        return false;
+    if (event.version == spoken_)
+        return true;
+    if (is_connected()) {
+        turn.log(LogLevel::warning, "greeting_anew",
+                 "an older broker has come in the place of this one: greeting anew");
+        begin_greeting(turn);
+        absence_said_ = true;
+    }
+    if (state_ != State::greeting)
+        return true;
+    unanswered_hellos_ -= unanswered_hellos_ > 0; // that is an answer
+    hello(turn, event.version);
+    return true;
 }
 
 void Session::on(Turn& turn, const Undecodable& event) {
@@ -106,7 +130,9 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
     tiles_received_ = 0;
     turn.log(LogLevel::info, "connected",
              "connected: broker " + to_string(message.broker).substr(0, 8) + ", version " +
-                 message.program_version);
+                 message.program_version +
+                 (spoken_ < protocol::version ? ", by protocol version " + std::to_string(spoken_)
+                                              : ""));
     state_ = State::open;
     heartbeat_ = std::clamp(message.heartbeat, limits_.heartbeat_min, limits_.heartbeat_max);
     liveness_ = std::clamp(message.liveness, 1u, limits_.liveness_max);
@@ -238,7 +264,7 @@ void Session::leave_when_done(Turn& turn) {
     leave_by_ = std::min(leave_by_, turn.now + limits_.farewell_max);
     if (unanswered_beats_ > 0 && turn.now < leave_by_)
         return;
-    turn.send(protocol::Goodbye{});
+    send(turn, protocol::Goodbye{});
     finish(turn, leave_reason_);
 }
 
@@ -270,7 +296,7 @@ void Session::greet_anew(Instant now, std::vector<Action>& actions) {
 void Session::close(Instant now, std::vector<Action>& actions) {
     Turn turn{now, actions};
     if (is_connected())
-        turn.send(protocol::Goodbye{});
+        send(turn, protocol::Goodbye{});
     drop_tiles(turn);
     state_ = State::over;
 }
@@ -298,7 +324,7 @@ void Session::keep_time(Turn& turn) {
     if (state_ == State::greeting && turn.now >= next_hello_) {
         if (identity_.is_called && unanswered_hellos_ >= limits_.hellos_per_turn)
             return hang_up(turn, false);
-        hello(turn);
+        hello(turn, protocol::version);
     }
     if (!is_connected())
         return;
@@ -307,7 +333,9 @@ void Session::keep_time(Turn& turn) {
     ask_overdue_chunks(turn);
 }
 
-void Session::hello(Turn& turn) {
+/// It begins with the newest version: the broker may be another one than the last time.
+void Session::hello(Turn& turn, protocol::Version spoken) {
+    spoken_ = spoken;
     if (unanswered_hellos_ > 0 && !std::exchange(absence_said_, true))
         turn.log(LogLevel::warning, "broker_absent",
                  "the broker does not answer; asking again until it does (fraja-broker starts "
@@ -315,15 +343,15 @@ void Session::hello(Turn& turn) {
     const double seconds_done = seconds(render_time_);
     const double speed =
         seconds_done > 0 ? static_cast<double>(rays_done_) / seconds_done * identity_.threads : 0.0;
-    turn.send(protocol::WorkerHello{.worker = identity_.worker,
-                                    .incarnation = ++incarnation_,
-                                    .worker_name = identity_.name,
-                                    .threads = identity_.threads,
-                                    .credit = credit(),
-                                    .speed_rays_per_s = speed,
-                                    .memory_bytes = identity_.memory_bytes,
-                                    .tags = identity_.tags,
-                                    .program_version = std::string(version)});
+    send(turn, protocol::WorkerHello{.worker = identity_.worker,
+                                     .incarnation = ++incarnation_,
+                                     .worker_name = identity_.name,
+                                     .threads = identity_.threads,
+                                     .credit = credit(),
+                                     .speed_rays_per_s = speed,
+                                     .memory_bytes = identity_.memory_bytes,
+                                     .tags = identity_.tags,
+                                     .program_version = std::string(version)});
     ++unanswered_hellos_;
     last_hello_ = turn.now;
     const double pause_s = seconds(hello_pause_) * rng_.between(0.5, 1.0);
@@ -339,7 +367,7 @@ void Session::beat(Turn& turn) {
     list_tiles(message.in_flight);
     for (const Session* ally : allies_)
         ally->list_tiles(message.in_flight);
-    turn.send(std::move(message));
+    send(turn, std::move(message));
     ++unanswered_beats_;
     next_beat_ = turn.now + heartbeat_;
 }

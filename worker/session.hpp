@@ -63,7 +63,8 @@ enum class Ticket : std::uint64_t {};
 // ------------------------------------------------------------------------------------------ events
 
 struct Received {
-    protocol::Message message; ///< from the broker
+    protocol::Message message;                     ///< from the broker
+    protocol::Version version = protocol::version; ///< that it was said in
 };
 /// From the broker came what decode() refused. Or nothing comes (ErrorCode::refused): who listens
 /// there does not let this worker in, which is tried again meanwhile.
@@ -114,6 +115,7 @@ using Event = std::variant<Received, Undecodable, SceneCompiled, SceneFailed, Ti
 /// A WorkerHello opens a new session: what was to be sent before it and has not left is void.
 struct Send {
     protocol::Message message;
+    protocol::Version version = protocol::version; ///< that the broker speaks
 };
 /// Check that the chunks, one after the other, have this hash, and make them ready for rendering
 /// with the kernel that the first tile asks for. Answered by SceneCompiled or SceneFailed.
@@ -183,6 +185,8 @@ public:
     void begin_after(std::uint64_t incarnation) { incarnation_ = incarnation; }
     /// Of the last hello.
     [[nodiscard]] std::uint64_t incarnation() const { return incarnation_; }
+    /// The version in which it speaks to the broker now.
+    [[nodiscard]] protocol::Version spoken() const { return spoken_; }
     /// So far are the running tiles.
     /// No ally's broker has told of a later one.
     [[nodiscard]] bool has_newest_term() const { return !(term_ < greatest_term()); }
@@ -231,7 +235,6 @@ private:
     struct Turn {
         Instant now;
         std::vector<Action>& actions;
-        void send(protocol::Message message) { actions.emplace_back(Send{std::move(message)}); }
         void log(LogLevel level, std::string_view kind, std::string text) {
             actions.emplace_back(Log{level, kind, {}, std::move(text)});
         }
@@ -250,6 +253,7 @@ private:
 
     void on_message(Turn& turn, const protocol::Welcome& message);
     void on_message(Turn& turn, const protocol::Refused& message);
+    [[nodiscard]] bool heed_older_version(Turn& turn, const Received& event);
     void on_message(Turn& turn, const protocol::Dismissed& message);
     void on_message(Turn& turn, const protocol::Brokers& message);
     void on_message(Turn& turn, const protocol::Beat& message);
@@ -259,8 +263,11 @@ private:
     template <class M>
     void on_message(Turn& turn, const M& message); // anything else
 
+    void send(Turn& turn, protocol::Message message) {
+        turn.actions.emplace_back(Send{std::move(message), spoken_});
+    }
     void keep_time(Turn& turn);
-    void hello(Turn& turn);
+    void hello(Turn& turn, protocol::Version spoken);
     void beat(Turn& turn);
     void begin_greeting(Turn& turn);
     void hang_up(Turn& turn, bool for_good);
@@ -310,10 +317,11 @@ private:
     Rng rng_;
     State state_ = State::greeting;
 
-    std::uint64_t incarnation_ = 0;             // of the last hello
-    BrokerId broker_;                           // that spoke last
-    std::optional<AttemptNumber> last_attempt_; // of its RenderTiles
-    protocol::Term term_;                       // the greatest heard of here
+    std::uint64_t incarnation_ = 0;                // of the last hello
+    protocol::Version spoken_ = protocol::version; // likewise, and so of its session
+    BrokerId broker_;                              // that spoke last
+    std::optional<AttemptNumber> last_attempt_;    // of its RenderTiles
+    protocol::Term term_;                          // the greatest heard of here
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
     std::uint32_t unanswered_hellos_ = 0;

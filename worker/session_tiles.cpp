@@ -131,8 +131,8 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
     }
     ++tiles_received_;
     const auto refuse = [&](FailureCode code, const std::string& reason) {
-        turn.send(protocol::TileFailed{message.job, message.tile, message.attempt, code,
-                                       sendable(reason)});
+        send(turn, protocol::TileFailed{message.job, message.tile, message.attempt, code,
+                                        sendable(reason)});
     };
     if (!allies_.empty() && message.term < greatest_term()) {
         // Counted, and named by no beat: so its broker has it back, and hears who leads now.
@@ -278,7 +278,7 @@ void Session::on(Turn& turn, const TileBroken& event) {
 
 void Session::ask_chunk(Turn& turn, const ContentHash& hash, SceneOnShelf& scene) {
     shelf_.note_ask(scene, turn.now);
-    turn.send(protocol::NeedChunk{hash, scene.fetched_bytes});
+    send(turn, protocol::NeedChunk{hash, scene.fetched_bytes});
 }
 
 void Session::ask_overdue_chunks(Turn& turn) {
@@ -379,7 +379,7 @@ void Session::answer(Turn& turn, const protocol::RenderTile& order, protocol::Me
     if (order.probe_side == 0 && !allies_.empty())
         answers_for_allies_.push_back(message);
     if (is_connected())
-        turn.send(std::move(message));
+        send(turn, std::move(message));
 }
 
 void Session::list_tiles(std::vector<protocol::TileInFlight>& list) const {

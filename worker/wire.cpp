@@ -28,10 +28,11 @@ std::optional<Event> Wire::receive() {
         return event; // and then what that one has said
     if (!received_)
         return std::nullopt;
-    auto message = protocol::decode(*std::exchange(received_, std::nullopt));
+    const net::Frames frames = *std::exchange(received_, std::nullopt);
+    auto message = protocol::decode(frames);
     if (!message)
         return Undecodable{message.error()};
-    return Received{std::move(*message)};
+    return Received{std::move(*message), *protocol::version_of(frames)};
 }
 
 std::optional<Event> Wire::heed_line() {
@@ -62,7 +63,7 @@ void Wire::look_at_line() {
 void Wire::post(const Send& send) {
     if (std::holds_alternative<protocol::WorkerHello>(send.message))
         outbox_.clear();
-    outbox_.push_back(protocol::encode(send.message));
+    outbox_.push_back(protocol::encode(send.message, send.version));
 }
 
 /// What cannot leave (no connection yet, or a broker that does not read) is tried again soon, and

@@ -43,7 +43,10 @@ struct BytesWriter {
         out.insert(out.end(), begin, begin + size);
     }
 };
-using Packer = msgpack::packer<BytesWriter>;
+struct Packer : msgpack::packer<BytesWriter> {
+    Packer(BytesWriter& writer, Version spoken_) : packer(writer), spoken(spoken_) {}
+    Version spoken; ///< by whoever shall read it
+};
 
 std::uint32_t checked_size(std::size_t size) {
     FRAJA_ASSERT(size <= frame_bytes_max);
@@ -57,7 +60,10 @@ void pack(Packer& packer, const T& value) {
     } else if constexpr (std::is_same_v<T, Duration>) {
         packer.pack_int64(value.count());
     } else if constexpr (std::is_enum_v<T>) {
-        packer.pack_uint64(static_cast<std::uint64_t>(value));
+        T said = value;
+        if constexpr (requires { ValueCount<T>::in_words_of(packer.spoken, value); })
+            said = ValueCount<T>::in_words_of(packer.spoken, value);
+        packer.pack_uint64(static_cast<std::uint64_t>(said));
     } else if constexpr (std::is_unsigned_v<T>) {
         packer.pack_uint64(value);
     } else if constexpr (std::is_signed_v<T>) {
@@ -115,13 +121,17 @@ T signed_of(const msgpack::object& o) {
     return static_cast<T>(o.via.i64);
 }
 
-/// What becomes of fields that a record ends before.
-enum class MissingFields { refused, left_as_they_are };
+/// What was kept may have been written by every version that there ever was.
+constexpr Version any_version = 0;
 
 /// Where a reader is, and how it reads.
 struct Reading {
-    MissingFields missing = MissingFields::refused;
+    Version written_by = version;
     std::string_view field{}; ///< the name of what is being read, for the message of an error
+
+    [[nodiscard]] bool may_miss(Version since) const {
+        return written_by == any_version || since > written_by;
+    }
 };
 
 template <class T>
@@ -132,15 +142,14 @@ void unpack_record(const msgpack::object& o, T& value, Reading& reading) {
     if (o.type != msgpack::type::ARRAY)
         throw Malformed("not an array");
     std::size_t at = 0;
-    const auto read = [&](std::string_view name, auto& member) {
-        reading.field = name;
+    const auto read = [&](const auto& field) {
+        reading.field = field.name;
         if (at < o.via.array.size)
-            unpack(o.via.array.ptr[at++], member, reading);
-        else if (reading.missing == MissingFields::refused)
+            unpack(o.via.array.ptr[at++], value.*(field.member), reading);
+        else if (!reading.may_miss(field.since))
             throw Malformed("missing");
     };
-    std::apply([&](const auto&... f) { (read(f.name, value.*(f.member)), ...); },
-               FieldsOf<T>::fields());
+    std::apply([&](const auto&... field) { (read(field), ...); }, FieldsOf<T>::fields());
 }
 
 template <class T>
@@ -202,13 +211,13 @@ Error malformed(std::string_view what, std::string_view why) {
 }
 
 template <class M>
-Result<M> read_body(std::span<const std::byte> body, MissingFields missing) {
+Result<M> read_body(std::span<const std::byte> body, Version written_by) {
     const std::size_t n = body.size();
     // Nothing in a frame can outnumber its bytes. Without limits, the five bytes DD FF FF FF FF
     // make msgpack ask for 128 GiB before it looks any further.
     const msgpack::unpack_limit limit(n, n, n, n, n, nesting_max);
     M message;
-    Reading reading{missing};
+    Reading reading{written_by};
     try {
         std::size_t offset = 0;
         // By default a zone begins with 8 KiB, and has copies of all strings.
@@ -226,8 +235,12 @@ Result<M> read_body(std::span<const std::byte> body, MissingFields missing) {
 }
 
 template <class M>
-Result<Message> decode_as(std::span<const Blob> frames) {
-    auto message = read_body<M>(frames[1], MissingFields::refused);
+Result<Message> decode_as(Version written_by, std::span<const Blob> frames) {
+    if (written_by < since<M>)
+        return malformed("header", std::string(M::name) + " came with version " +
+                                       std::to_string(since<M>) + ", not with " +
+                                       std::to_string(written_by));
+    auto message = read_body<M>(frames[1], written_by);
     if (!message)
         return message.error();
     const auto blobs = frames.subspan(2);
@@ -242,12 +255,13 @@ Result<Message> decode_as(std::span<const Blob> frames) {
 }
 
 template <std::size_t... I>
-Result<Message> decode_type(std::uint16_t type, std::span<const Blob> frames,
+Result<Message> decode_type(Version written_by, std::uint16_t type, std::span<const Blob> frames,
                             std::index_sequence<I...>) {
     std::optional<Result<Message>> decoded;
     const bool known =
         ((std::variant_alternative_t<I, Message>::type == type &&
-          (decoded.emplace(decode_as<std::variant_alternative_t<I, Message>>(frames)), true)) ||
+          (decoded.emplace(decode_as<std::variant_alternative_t<I, Message>>(written_by, frames)),
+           true)) ||
          ...);
     if (!known)
         return malformed("header", "unknown message type " + std::to_string(type));
@@ -259,25 +273,36 @@ std::uint16_t little_endian(const std::byte* bytes) {
                                       std::to_integer<unsigned>(bytes[1]) << 8);
 }
 
-Bytes encode_header(std::uint16_t type) {
+Bytes encode_header(Version spoken, std::uint16_t type) {
     Bytes header(header_bytes);
     std::memcpy(header.data(), magic, sizeof magic);
-    header[4] = std::byte(version & 0xff);
-    header[5] = std::byte(version >> 8);
+    header[4] = std::byte(spoken & 0xff);
+    header[5] = std::byte(spoken >> 8);
     header[6] = std::byte(type & 0xff);
     header[7] = std::byte(type >> 8);
     return header;
 }
 
+/// For people, who can do something about it.
+Error wrong_version(Version peer_version) {
+    return {ErrorCode::version_mismatch,
+            "the peer speaks protocol version " + std::to_string(peer_version) +
+                ", this program versions " + std::to_string(oldest_version_spoken) + " and " +
+                std::to_string(version) + ": " +
+                (peer_version < version ? "the peer is too old, and must be updated"
+                                        : "this program is too old, and must be updated")};
+}
+
 } // namespace
 
-Packet encode(const Message& message) {
+Packet encode(const Message& message, Version spoken) {
+    FRAJA_ASSERT(is_spoken(spoken) && is_known_to(spoken, message));
     return std::visit(
-        [](const auto& m) {
-            Packet packet{encode_header(m.type), {}, {}};
+        [&](const auto& m) {
+            Packet packet{encode_header(spoken, m.type), {}, {}};
             packet.body.reserve(body_bytes);
             BytesWriter writer{packet.body};
-            Packer packer(writer);
+            Packer packer(writer, spoken);
             pack(packer, m);
             FRAJA_ASSERT(packet.body.size() <= frame_bytes_max);
             if constexpr (CarriesBlobs<std::decay_t<decltype(m)>>) {
@@ -291,18 +316,22 @@ Packet encode(const Message& message) {
         message);
 }
 
+std::optional<Version> version_of(std::span<const Blob> frames) {
+    if (frames.empty() || frames[0].size() < header_bytes ||
+        std::memcmp(frames[0].data(), magic, sizeof magic) != 0)
+        return std::nullopt;
+    return little_endian(frames[0].data() + 4);
+}
+
 Result<Message> decode(std::span<const Blob> frames) {
     if (frames.empty())
         return malformed("message", "no frame");
-    const Blob& header = frames[0];
-    if (header.size() < header_bytes || std::memcmp(header.data(), magic, sizeof magic) != 0)
+    const auto written_by = version_of(frames);
+    if (!written_by)
         return malformed("header", "no Fraja header");
-    const std::uint16_t peer_version = little_endian(header.data() + 4);
-    if (peer_version != version)
-        return Error{ErrorCode::version_mismatch,
-                     "the peer speaks protocol version " + std::to_string(peer_version) +
-                         ", this is version " + std::to_string(version) +
-                         ": programs of one release fit together"};
+    if (!is_spoken(*written_by))
+        return wrong_version(*written_by);
+    const Blob& header = frames[0];
     if (header.size() != header_bytes)
         return malformed("header", "a wrong length");
     if (frames.size() < 2)
@@ -313,13 +342,13 @@ Result<Message> decode(std::span<const Blob> frames) {
         if (frame.size() > frame_bytes_max)
             return malformed("message",
                              "a frame of more than " + std::to_string(frame_bytes_max) + " bytes");
-    return decode_type(little_endian(header.data() + 6), frames,
+    return decode_type(*written_by, little_endian(header.data() + 6), frames,
                        std::make_index_sequence<std::variant_size_v<Message>>());
 }
 
 template <class M>
 Result<M> decode_kept(std::span<const std::byte> body) {
-    return read_body<M>(body, MissingFields::left_as_they_are);
+    return read_body<M>(body, any_version);
 }
 template Result<SubmitJob> decode_kept<SubmitJob>(std::span<const std::byte> body);
 template Result<TileDone> decode_kept<TileDone>(std::span<const std::byte> body);

@@ -10,13 +10,19 @@
 
 namespace fraja::protocol {
 
+/// Of the protocol.
+using Version = std::uint16_t;
+
 template <class Owner, class Member>
 struct Field {
     std::string_view name;
     Member Owner::*member;
+    Version since = 0; ///< it came with; 0: one that is not spoken any more
 };
 template <class Owner, class Member>
 Field(std::string_view, Member Owner::*) -> Field<Owner, Member>;
+template <class Owner, class Member>
+Field(std::string_view, Member Owner::*, Version) -> Field<Owner, Member>;
 
 /// A record is whatever has fields: its own `T::fields`, or a specialisation of this.
 template <class T>
@@ -47,7 +53,8 @@ concept Record = requires {
     FieldsOf<T>::fields();
 };
 
-/// An enum that travels says how many values it has; others are refused.
+/// An enum that travels says how many values it has; others are refused. Where some came with a
+/// version whose predecessor is spoken, it also says what they are `in_words_of` that one.
 template <class E>
 struct ValueCount {};
 

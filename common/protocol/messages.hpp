@@ -18,8 +18,13 @@
 
 namespace fraja::protocol {
 
-/// Of the header frame. A peer of another version is refused.
-inline constexpr std::uint16_t version = 12;
+/// Of the header frame. Of any two releases next to each other, the newer one speaks the older
+/// one's version as well; other peers are refused.
+inline constexpr Version version = 12;
+inline constexpr Version oldest_version_spoken = version - 1;
+[[nodiscard]] constexpr bool is_spoken(Version v) {
+    return v >= oldest_version_spoken && v <= version;
+}
 
 // ------------------------------------------------------------------------------- parts of messages
 
@@ -75,7 +80,7 @@ struct TileInFlight {
     static constexpr auto fields() {
         return std::tuple{Field{"job", &T::job},         Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
-                          Field{"pass", &T::pass},       Field{"rect", &T::rect}};
+                          Field{"pass", &T::pass, 12},   Field{"rect", &T::rect, 12}};
     }
 };
 
@@ -146,6 +151,9 @@ enum class RefusalCode : std::uint8_t {
 template <>
 struct ValueCount<RefusalCode> {
     static constexpr unsigned value = 10;
+    static constexpr RefusalCode in_words_of(Version spoken, RefusalCode code) {
+        return spoken < 12 && code == RefusalCode::not_allowed ? RefusalCode::unexpected : code;
+    }
 };
 
 enum class FailureCode : std::uint8_t {
@@ -199,7 +207,7 @@ struct Wishes {
     static constexpr auto fields() {
         return std::tuple{Field{"schedule", &T::schedule}, Field{"workers_max", &T::workers_max},
                           Field{"tags", &T::tags},         Field{"film", &T::film},
-                          Field{"frame", &T::frame},       Field{"verify", &T::verify}};
+                          Field{"frame", &T::frame},       Field{"verify", &T::verify, 12}};
     }
 };
 
@@ -288,8 +296,8 @@ struct Welcome {
             Field{"broker", &T::broker},           Field{"epoch", &T::epoch},
             Field{"heartbeat", &T::heartbeat},     Field{"liveness", &T::liveness},
             Field{"stream", &T::stream},           Field{"program_version", &T::program_version},
-            Field{"incarnation", &T::incarnation}, Field{"term", &T::term},
-            Field{"brokers", &T::brokers}};
+            Field{"incarnation", &T::incarnation}, Field{"term", &T::term, 12},
+            Field{"brokers", &T::brokers, 12}};
     }
 };
 
@@ -325,7 +333,7 @@ struct WorkerBeat {
     template <class T = WorkerBeat>
     static constexpr auto fields() {
         return std::tuple{Field{"credit", &T::credit}, Field{"in_flight", &T::in_flight},
-                          Field{"tiles_received", &T::tiles_received}, Field{"term", &T::term}};
+                          Field{"tiles_received", &T::tiles_received}, Field{"term", &T::term, 12}};
     }
 };
 
@@ -347,6 +355,7 @@ struct Dismissed {
 struct Brokers {
     static constexpr std::uint16_t type = 9;
     static constexpr std::string_view name = "Brokers";
+    static constexpr Version since = 12;
     Term term;
     std::vector<Member> brokers;
     friend bool operator==(const Brokers&, const Brokers&) = default;
@@ -466,12 +475,12 @@ struct JobState {
                           Field{"elapsed", &T::elapsed},
                           Field{"film", &T::film},
                           Field{"frame", &T::frame},
-                          Field{"checks", &T::checks},
-                          Field{"distrusted", &T::distrusted},
-                          Field{"verify", &T::verify},
-                          Field{"revision", &T::revision},
-                          Field{"copies", &T::copies},
-                          Field{"copies_wanted", &T::copies_wanted}};
+                          Field{"checks", &T::checks, 12},
+                          Field{"distrusted", &T::distrusted, 12},
+                          Field{"verify", &T::verify, 12},
+                          Field{"revision", &T::revision, 12},
+                          Field{"copies", &T::copies, 12},
+                          Field{"copies_wanted", &T::copies_wanted, 12}};
     }
 };
 
@@ -559,7 +568,7 @@ struct RenderTile {
                           Field{"pass", &T::pass},         Field{"rect", &T::rect},
                           Field{"scene", &T::scene},       Field{"scene_bytes", &T::scene_bytes},
                           Field{"settings", &T::settings}, Field{"probe_side", &T::probe_side},
-                          Field{"term", &T::term}};
+                          Field{"term", &T::term, 12}};
     }
 };
 
@@ -578,8 +587,8 @@ struct TileRendered {
     static constexpr auto fields() {
         return std::tuple{Field{"job", &T::job},         Field{"tile", &T::tile},
                           Field{"attempt", &T::attempt}, Field{"rays", &T::rays},
-                          Field{"elapsed", &T::elapsed}, Field{"pass", &T::pass},
-                          Field{"rect", &T::rect}};
+                          Field{"elapsed", &T::elapsed}, Field{"pass", &T::pass, 12},
+                          Field{"rect", &T::rect, 12}};
     }
 };
 
@@ -632,11 +641,11 @@ struct TileDone {
     std::vector<Blob> blobs; ///< the pixels, cut into frames
     template <class T = TileDone>
     static constexpr auto fields() {
-        return std::tuple{Field{"job", &T::job},       Field{"tile", &T::tile},
-                          Field{"frame", &T::frame},   Field{"pass", &T::pass},
-                          Field{"rect", &T::rect},     Field{"worker_name", &T::worker_name},
-                          Field{"rays", &T::rays},     Field{"elapsed", &T::elapsed},
-                          Field{"worker", &T::worker}, Field{"epoch", &T::epoch}};
+        return std::tuple{Field{"job", &T::job},           Field{"tile", &T::tile},
+                          Field{"frame", &T::frame},       Field{"pass", &T::pass},
+                          Field{"rect", &T::rect},         Field{"worker_name", &T::worker_name},
+                          Field{"rays", &T::rays},         Field{"elapsed", &T::elapsed},
+                          Field{"worker", &T::worker, 12}, Field{"epoch", &T::epoch, 12}};
     }
 };
 
@@ -679,7 +688,7 @@ struct WorkerState {
                           Field{"draining", &T::draining},
                           Field{"quarantined", &T::quarantined},
                           Field{"tags", &T::tags},
-                          Field{"distrusted", &T::distrusted}};
+                          Field{"distrusted", &T::distrusted, 12}};
     }
 };
 
@@ -733,8 +742,8 @@ struct BrokerState {
                           Field{"workers_lost", &T::workers_lost},
                           Field{"rays", &T::rays},
                           Field{"render_time", &T::render_time},
-                          Field{"tiles_checked", &T::tiles_checked},
-                          Field{"workers_distrusted", &T::workers_distrusted}};
+                          Field{"tiles_checked", &T::tiles_checked, 12},
+                          Field{"workers_distrusted", &T::workers_distrusted, 12}};
     }
 };
 
@@ -771,7 +780,7 @@ struct FarmState {
     static constexpr auto fields() {
         return std::tuple{Field{"epoch", &T::epoch}, Field{"jobs", &T::jobs},
                           Field{"workers", &T::workers}, Field{"broker", &T::broker},
-                          Field{"brokers", &T::brokers}};
+                          Field{"brokers", &T::brokers, 12}};
     }
 };
 
@@ -780,6 +789,7 @@ struct FarmState {
 struct BrokerHello {
     static constexpr std::uint16_t type = 50;
     static constexpr std::string_view name = "BrokerHello";
+    static constexpr Version since = 12;
     BrokerId broker;
     Duration started_at{}; ///< since 1970
     std::string endpoint;
@@ -797,6 +807,7 @@ struct BrokerHello {
 struct BrokerBeat {
     static constexpr std::uint16_t type = 51;
     static constexpr std::string_view name = "BrokerBeat";
+    static constexpr Version since = 12;
     BrokerId broker;
     Term term;
     bool is_synced = false;
@@ -827,6 +838,7 @@ struct JobDigest {
 struct CompareJobs {
     static constexpr std::uint16_t type = 52;
     static constexpr std::string_view name = "CompareJobs";
+    static constexpr Version since = 12;
     friend bool operator==(const CompareJobs&, const CompareJobs&) = default;
     static constexpr auto fields() { return std::tuple{}; }
 };
@@ -834,6 +846,7 @@ struct CompareJobs {
 struct JobDigests {
     static constexpr std::uint16_t type = 53;
     static constexpr std::string_view name = "JobDigests";
+    static constexpr Version since = 12;
     std::vector<JobDigest> jobs;
     friend bool operator==(const JobDigests&, const JobDigests&) = default;
     static constexpr auto fields() { return std::tuple{Field{"jobs", &JobDigests::jobs}}; }
@@ -842,6 +855,7 @@ struct JobDigests {
 struct WantJob {
     static constexpr std::uint16_t type = 54;
     static constexpr std::string_view name = "WantJob";
+    static constexpr Version since = 12;
     JobId job;
     friend bool operator==(const WantJob&, const WantJob&) = default;
     static constexpr auto fields() { return std::tuple{Field{"job", &WantJob::job}}; }
@@ -850,6 +864,7 @@ struct WantJob {
 struct JobRecord {
     static constexpr std::uint16_t type = 55;
     static constexpr std::string_view name = "JobRecord";
+    static constexpr Version since = 12;
     SubmitJob submission;
     Revision revision;
     std::uint32_t number = 0;
@@ -885,6 +900,7 @@ struct JobRecord {
 struct JobKept {
     static constexpr std::uint16_t type = 56;
     static constexpr std::string_view name = "JobKept";
+    static constexpr Version since = 12;
     JobId job;
     friend bool operator==(const JobKept&, const JobKept&) = default;
     static constexpr auto fields() { return std::tuple{Field{"job", &JobKept::job}}; }
@@ -893,6 +909,7 @@ struct JobKept {
 struct JobForgotten {
     static constexpr std::uint16_t type = 57;
     static constexpr std::string_view name = "JobForgotten";
+    static constexpr Version since = 12;
     JobId job;
     friend bool operator==(const JobForgotten&, const JobForgotten&) = default;
     static constexpr auto fields() { return std::tuple{Field{"job", &JobForgotten::job}}; }
@@ -909,6 +926,18 @@ template <class M>
 concept CarriesBlobs = requires(M m) {
     m.blobs;
 };
+
+/// The version that a message came with; 0: one that is not spoken any more.
+template <class M>
+inline constexpr Version since = [] {
+    if constexpr (requires { M::since; })
+        return M::since;
+    else
+        return Version{0};
+}();
+[[nodiscard]] inline bool is_known_to(Version spoken, const Message& message) {
+    return std::visit([&]<class M>(const M&) { return since<M> <= spoken; }, message);
+}
 
 [[nodiscard]] inline std::string_view name_of(const Message& message) {
     return std::visit([](const auto& m) { return m.name; }, message);

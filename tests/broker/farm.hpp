@@ -39,7 +39,11 @@ public:
             take(std::move(action));
     }
     void say(const PeerId& peer, protocol::Message message) {
-        event(PeerSaid{peer, std::move(message)});
+        event(PeerSaid{peer, std::move(message), {}, spoken_by(peer)});
+    }
+    [[nodiscard]] protocol::Version spoken_by(const PeerId& peer) const {
+        const auto found = versions_spoken.find(peer);
+        return found == versions_spoken.end() ? protocol::version : found->second;
     }
     void pass(Duration d) { // in small steps, as a poll loop would
         const Instant end = now + d;
@@ -64,7 +68,7 @@ public:
                                              .memory_bytes = 0,
                                              .tags = std::move(tags),
                                              .program_version = "test"},
-                       holder});
+                       holder, spoken_by(peer)});
     }
     void client_arrives(const PeerId& peer) { say(peer, protocol::ClientHello{peer, "test"}); }
 
@@ -173,7 +177,8 @@ public:
     Instant now{std::chrono::hours(1)};
     Dispatcher dispatcher;
     std::map<PeerId, std::vector<protocol::Message>> sent;
-    std::map<PeerId, std::uint64_t> received; ///< tiles, by the workers' account
+    std::map<PeerId, std::uint64_t> received;            ///< tiles, by the workers' account
+    std::map<PeerId, protocol::Version> versions_spoken; ///< by those who do not speak the newest
     std::vector<Publish> stream;
     std::vector<Persist> persisted;
     std::vector<SendStored> from_store;
@@ -189,9 +194,9 @@ private:
         if (on_action)
             on_action(action);
         if (const auto* message = std::get_if<Send>(&action))
-            (void)protocol::encode(message->message);
+            (void)protocol::encode(message->message, message->version);
         if (const auto* message = std::get_if<Publish>(&action))
-            (void)protocol::encode(message->message);
+            (void)protocol::encode(message->message, protocol::oldest_version_spoken);
         if (const auto* send = std::get_if<Send>(&action)) {
             if (std::holds_alternative<protocol::Welcome>(send->message))
                 received[send->peer] = 0;
@@ -211,8 +216,10 @@ private:
             orders_filled.push_back(std::move(*filled));
         else if (const auto* failed = std::get_if<OrderFailed>(&action))
             orders_failed.push_back(*failed);
-        else
-            logs.push_back(std::move(std::get<Log>(action)));
+        else if (auto* line = std::get_if<Log>(&action))
+            logs.push_back(std::move(*line));
+        else // a Fleet's are heard
+            REQUIRE((std::holds_alternative<Dial>(action) || std::holds_alternative<Tell>(action)));
     }
     std::set<PeerId> clients;
 };

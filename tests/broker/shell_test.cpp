@@ -18,7 +18,8 @@ namespace {
 /// A broker in a thread, on ports that the system chose.
 class RunningBroker {
 public:
-    RunningBroker() {
+    explicit RunningBroker(const std::filesystem::path& state = {}) {
+        options_.state = state;
         options_.bind = "tcp://127.0.0.1:0";
         options_.publish = "tcp://127.0.0.1:0";
         options_.on_listening = [this](const std::string& bound, const std::string& published) {
@@ -108,6 +109,82 @@ TEST_CASE("bytes that are no message are answered and harm nobody") {
     CHECK(expect<Refused>(*client).code == RefusalCode::version_mismatch);
     say(*client, Beat{});
     expect<Beat>(*client);
+}
+
+TEST_CASE("a peer of the version before is answered in that, and all hear the stream in it") {
+    RunningBroker broker;
+    auto client = net::DealerSocket::connect(broker.context, broker.endpoint);
+    REQUIRE(client.has_value());
+    const auto answered_in = [&](const Packet& said) {
+        while (client->send(said) != net::SendStatus::sent)
+            net::wait({*client}, 10ms);
+        const auto frames = receive_within(*client, 10s);
+        REQUIRE(frames.has_value());
+        return version_of(*frames);
+    };
+    const ClientHello hello{"test", "0"};
+    CHECK(answered_in(encode(hello, oldest_version_spoken)) == oldest_version_spoken);
+    CHECK(answered_in(encode(Beat{}, oldest_version_spoken)) == oldest_version_spoken);
+    Packet malformed = encode(Beat{}, oldest_version_spoken);
+    malformed.body = to_bytes("\xdd\xff\xff\xff\xff");
+    CHECK(answered_in(malformed) == oldest_version_spoken);
+    CHECK(answered_in(encode(hello)) == version);
+    for (const int other : {oldest_version_spoken - 1, version + 1}) {
+        Packet foreign = encode(hello);
+        foreign.header[4] = static_cast<std::byte>(other);
+        CHECK(answered_in(foreign) == version);
+    }
+    auto subscriber = net::SubscriberSocket::connect(broker.context, broker.stream);
+    REQUIRE(subscriber.has_value());
+    for (const std::string& topic : {barrier_topic(random_id<Nonce>()), std::string(farm_topic)}) {
+        subscriber->subscribe(topic);
+        const auto published = receive_within(*subscriber, 10s);
+        REQUIRE(published.has_value());
+        CHECK(version_of(published->frames) == oldest_version_spoken);
+        CHECK(decode(published->frames).has_value());
+    }
+}
+
+TEST_CASE("a tile that lay in the store is sent in the version of who asks for it") {
+    const TempDirectory directory;
+    SubmitJob job;
+    job.job = random_id<JobId>();
+    job.scene_bytes = 1;
+    job.settings.size = {8, 8};
+    job.settings.crop = {0, 0, 8, 8};
+    job.tile_side = 8;
+    {
+        Store store = open_store(directory.path());
+        commit(store, {PutJob{job, 1, 1},
+                       PutTile{std::make_shared<TileDone>(
+                           TileDone{.job = job.job,
+                                    .rect = {0, 0, 8, 8},
+                                    .worker_name = "ada",
+                                    .rays = {},
+                                    .blobs = {Blob(Bytes(64 * job.settings.pixel_bytes()))}})},
+                       PutPhase{job.job, JobPhase::done, "", 1s}});
+    }
+    RunningBroker broker(directory.path());
+    auto client = net::DealerSocket::connect(broker.context, broker.endpoint);
+    REQUIRE(client.has_value());
+    for (const Version spoken : {oldest_version_spoken, version}) {
+        for (const Message& message :
+             {Message(ClientHello{"test", "0"}), Message(Repair{job.job, 1, Bytes(1)})}) {
+            while (client->send(encode(message, spoken)) != net::SendStatus::sent)
+                net::wait({*client}, 10ms);
+        }
+        bool tile_came = false;
+        for (bool over = false; !over;) {
+            const auto frames = receive_within(*client, 10s);
+            REQUIRE(frames.has_value());
+            CHECK(version_of(*frames) == spoken);
+            const auto message = decode(*frames);
+            REQUIRE(message.has_value());
+            tile_came = tile_came || std::holds_alternative<TileDone>(*message);
+            over = std::holds_alternative<RepairDone>(*message);
+        }
+        CHECK(tile_came);
+    }
 }
 
 TEST_CASE("a broker without keys refuses to serve other machines") {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "client/core.hpp"
+#include "common/base/assert.hpp"
 #include "common/base/rng.hpp"
 #include "common/protocol/bitmap.hpp"
 #include "common/protocol/content_hash.hpp"
@@ -444,6 +445,7 @@ private:
         session_.clear();
         connected_at_ = now_ + delay(faults_.delay_max);
     }
+    void perform(const Speak&) { FRAJA_ASSERT(false); } // all here are of one version
     void perform(const OpenStream&) {
         topics_.clear();
         stream_.clear();

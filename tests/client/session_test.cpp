@@ -186,3 +186,46 @@ TEST_CASE("a Welcome with impossible times is bounded") {
     CHECK(d.session.next_deadline() > d.now);
     CHECK(d.session.next_deadline() < d.now + 1s);
 }
+
+TEST_CASE("a broker of the version before is greeted in that, and so again each time") {
+    constexpr protocol::Version older = protocol::oldest_version_spoken;
+    const FromBroker refused{
+        protocol::Refused{protocol::RefusalCode::version_mismatch, JobId{}, "11"}, older};
+    const FromBroker welcome{protocol::Welcome{BrokerId{{1}}, 1, 1s, 3, "", ""}, older};
+    const auto speaks = [](const Driver& d) {
+        std::vector<protocol::Version> versions;
+        for (const Action& action : d.actions)
+            if (const auto* speak = std::get_if<Speak>(&action))
+                versions.push_back(speak->version);
+        return versions;
+    };
+    using Versions = std::vector<protocol::Version>;
+    Driver d({"a"});
+    CHECK(speaks(d).empty()); // of itself it is the newest
+    CHECK(d.step(refused) == Session::Change::heeded);
+    CHECK(speaks(d) == Versions{older});
+    CHECK(d.sent<protocol::ClientHello>() == 1);
+    CHECK(d.step(refused) == Session::Change::heeded); // it comes twice, as a hello may have
+    CHECK(d.actions.empty());
+    CHECK(d.step(welcome) == Session::Change::opened);
+    CHECK(d.session.spoken() == older);
+    // One of this version comes in its place, and then again the older one.
+    CHECK(d.step(FromBroker{protocol::Refused{protocol::RefusalCode::unknown_peer, JobId{}, ""},
+                            older}) == Session::Change::none);
+    CHECK(speaks(d) == Versions{protocol::version});
+    CHECK(d.sent<protocol::ClientHello>() == 1);
+    CHECK(d.step(FromBroker{protocol::Welcome{BrokerId{{2}}, 2, 1s, 3, "", ""}}) ==
+          Session::Change::opened);
+    CHECK(speaks(d).empty());
+    CHECK(d.step(refused) == Session::Change::heeded);
+    CHECK_FALSE(d.session.is_open());
+    CHECK(speaks(d) == Versions{older});
+    // A hello that is said again begins anew; a Welcome that comes nevertheless says what is
+    // spoken.
+    (void)d.tick_at_deadline();
+    CHECK(speaks(d) == Versions{protocol::version});
+    CHECK(d.step(welcome) == Session::Change::opened);
+    CHECK(speaks(d) == Versions{older});
+    CHECK(d.step(refused) == Session::Change::heeded);
+    CHECK(d.session.is_open());
+}

@@ -201,6 +201,15 @@ template <class To, class From>
     return message;
 }
 
+/// In which a refusal says that it was not understood: some are of the version before.
+[[nodiscard]] inline protocol::Version version_of(const protocol::Message& message) {
+    const auto* refused = std::get_if<protocol::Refused>(&message);
+    return refused && refused->code == protocol::RefusalCode::version_mismatch &&
+                   refused->reason.size() % 2 == 1
+               ? protocol::oldest_version_spoken
+               : protocol::version;
+}
+
 /// So many bytes of pixels, in one or two frames.
 [[nodiscard]] inline std::vector<Blob> pixels(std::uint64_t bytes, Input& in) {
     const std::uint64_t first = in.once_in(4) ? bytes / 2 : bytes;

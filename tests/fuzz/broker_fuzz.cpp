@@ -375,7 +375,8 @@ private:
         peers_[peer].spoke = true;
         step(broker::PeerSpokeRubbish{
             peer,
-            Error{in_.below(2) ? ErrorCode::version_mismatch : ErrorCode::malformed_frame, text}});
+            Error{in_.below(2) ? ErrorCode::version_mismatch : ErrorCode::malformed_frame, text},
+            text.size() % 4 == 0 ? Version{9} : version_of(peer)});
     }
 
     void subscriptions() {
@@ -409,7 +410,13 @@ private:
             return;
         note_said(peer, message);
         last_said_ = message;
-        step(broker::PeerSaid{peer, std::move(message)});
+        const Version spoken = is_known_to(version_of(peer), message) ? version_of(peer) : version;
+        step(broker::PeerSaid{peer, std::move(message), {}, spoken});
+    }
+
+    /// Some are of the version before.
+    static Version version_of(const PeerId& peer) {
+        return peer.back() % 4 == 3 ? oldest_version_spoken : version;
     }
 
     static bool too_large(const SubmitJob& job) {
@@ -500,7 +507,7 @@ private:
     void check(const broker::OrderFailed& failed) { FRAJA_ASSERT(orders_.erase(failed.id) == 1); }
 
     void check(const broker::Send& send) {
-        (void)encode(send.message); // it can be sent
+        (void)encode(send.message, send.version); // it can be sent
         Peer& peer = peers_[send.peer];
         FRAJA_ASSERT(peer.spoke);
         if (std::holds_alternative<Welcome>(send.message)) {
@@ -533,7 +540,7 @@ private:
     }
 
     void check(const broker::Publish& publish) {
-        (void)encode(publish.message);
+        (void)encode(publish.message, oldest_version_spoken);
         if (const auto* tile = std::get_if<TileDone>(&publish.message)) {
             FRAJA_ASSERT(publish.topic == job_topic(tile->job));
             check_published(*tile);

@@ -128,7 +128,10 @@ private:
         }
     }
 
-    void session(Message message) { step(client::FromBroker{std::move(message)}); }
+    void session(Message message) {
+        const Version said_in = fuzz::version_of(message);
+        step(client::FromBroker{std::move(message), said_in});
+    }
     void stream(Message message) { step(client::FromStream{std::move(message)}); }
 
     Welcome welcome() {
@@ -244,10 +247,11 @@ private:
     }
 
     void check(const client::Connect& connect) { FRAJA_ASSERT(!connect.broker.empty()); }
+    void check(const client::Speak& speak) { spoken_ = speak.version; }
     void check(const client::OpenStream&) { topics_.clear(); }
     void check(const client::Subscribe& subscribe) { topics_.insert(subscribe.topic); }
     void check(const client::Unsubscribe& unsubscribe) { topics_.erase(unsubscribe.topic); }
-    void check(const client::Send& send) { (void)encode(send.message); } // it can be sent
+    void check(const client::Send& send) { (void)encode(send.message, spoken_); } // it can be sent
 
     void check(const client::News& news) {
         std::visit([this](const auto& n) { check_news(n); }, news);
@@ -272,6 +276,7 @@ private:
     const SubmitJob job_;
     std::unique_ptr<client::Core> core_;
     Instant now_{};
+    Version spoken_ = version;
     std::set<std::string> topics_;
     std::set<std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>> arrived_; ///< pass, x, y
     bool finished_ = false;

@@ -41,6 +41,11 @@ void check_decoding(const std::vector<Blob>& frames) {
     const auto again = protocol::decode(frames_of(once));
     FRAJA_ASSERT(again.has_value() && again->index() == message->index());
     FRAJA_ASSERT(same_bytes(once, protocol::encode(*again)));
+    if (!is_known_to(protocol::oldest_version_spoken, *message))
+        return;
+    const auto older =
+        protocol::decode(frames_of(protocol::encode(*message, protocol::oldest_version_spoken)));
+    FRAJA_ASSERT(older.has_value() && older->index() == message->index());
 }
 
 /// A body that lay in a store: what is read is written, and that reads to the same bytes.
@@ -84,12 +89,16 @@ void decode_raw(Input& in) {
 /// A body of a known type: the header is right.
 void decode_body(Input& in) {
     std::uint16_t type = 0;
-    std::size_t at = in.below(std::variant_size_v<protocol::Message>);
+    const std::uint8_t choice = in.byte();
+    const bool at_version_before = choice >= 128;
+    std::size_t at = choice % std::variant_size_v<protocol::Message>;
     for_each_message_type([&]<class M>(std::type_identity<M>) {
         if (at-- == 0)
             type = M::type;
     });
     Bytes header = protocol::encode(protocol::Beat{}).header;
+    if (at_version_before)
+        header[4] = std::byte(protocol::oldest_version_spoken & 0xff);
     header[6] = std::byte(type & 0xff);
     header[7] = std::byte(type >> 8);
     std::vector<Blob> frames = {Blob(header), Blob()};

@@ -91,9 +91,11 @@ private:
             note_order(*order);
         if (const auto* welcome = std::get_if<Welcome>(&message))
             note_welcome(*welcome);
+        const Version said_in = fuzz::version_of(message);
         if (const auto* refused = std::get_if<Refused>(&message))
-            connected_ = connected_ && refused->code != RefusalCode::unknown_peer;
-        step(worker::Received{std::move(message)});
+            connected_ = connected_ && refused->code != RefusalCode::unknown_peer &&
+                         (said_in == version || said_in == spoken_);
+        step(worker::Received{std::move(message), said_in});
     }
 
     /// It is owed an answer, unless it has come before.
@@ -251,8 +253,9 @@ private:
 
     void check(const worker::Send& send) {
         FRAJA_ASSERT(!over_);
-        (void)encode(send.message); // it can be sent
+        (void)encode(send.message, send.version); // it can be sent
         if (const auto* hello = std::get_if<WorkerHello>(&send.message)) {
+            spoken_ = send.version;
             FRAJA_ASSERT(hello->incarnation > incarnation_);
             incarnation_ = hello->incarnation;
             connected_ = false;
@@ -303,6 +306,7 @@ private:
     worker::Session session_;
     Instant now_{};
     std::uint64_t incarnation_ = 0;
+    Version spoken_ = version;
     bool connected_ = false;
     BrokerId broker_;
     std::optional<std::uint32_t> last_attempt_; ///< of its orders

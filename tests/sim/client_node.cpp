@@ -105,6 +105,10 @@ bool CoreRunner::perform(client::Connect&& connect) {
     way_->site.network.connect(way_->line);
     return true;
 }
+bool CoreRunner::perform(client::Speak&&) {
+    farm_.violation("a client speaks another version, of which nobody is");
+    return true;
+}
 bool CoreRunner::perform(client::OpenStream&&) {
     way_->site.stream.open(way_->subscriber);
     return true;

@@ -37,6 +37,7 @@ private:
     void perform(std::vector<client::Action>& actions);
     /// False: it could not be sent.
     bool perform(client::Connect&& connect);
+    bool perform(client::Speak&&);
     bool perform(client::OpenStream&&);
     bool perform(client::Subscribe&& subscribe);
     bool perform(client::Unsubscribe&& unsubscribe);

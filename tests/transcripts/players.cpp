@@ -87,7 +87,8 @@ void Players::worker(Words& words) {
     Worker worker;
     worker.threads = words.number("threads", 1);
     worker.credit = words.number("credit", worker.threads);
-    words.end();
+    if (!is_understood(name, words))
+        return;
     const auto known = workers_.find(name);
     worker.id =
         known != workers_.end() ? known->second.id : static_cast<std::uint8_t>(workers_.size() + 1);
@@ -98,9 +99,24 @@ void Players::worker(Words& words) {
 
 void Players::client(Words& words) {
     const std::string name = words.next("a client's name");
-    words.end();
+    if (!is_understood(name, words))
+        return;
     clients_[name] = {.beats_at = farm().now + 1s};
     farm().client_arrives(name);
+}
+
+/// Or else the broker has heard what it makes of such a hello.
+bool Players::is_understood(const std::string& name, Words& words) {
+    const auto spoken = static_cast<protocol::Version>(words.number("version", protocol::version));
+    words.end();
+    farm().versions_spoken[name] = spoken;
+    if (protocol::is_spoken(spoken))
+        return true;
+    protocol::Packet hello = protocol::encode(protocol::ClientHello{});
+    hello.header[4] = static_cast<std::byte>(spoken);
+    const Blob frames[] = {Blob(hello.header), Blob(hello.body)};
+    farm().event(PeerSpokeRubbish{name, protocol::decode(frames).error(), spoken});
+    return false;
 }
 
 void Players::leave(Words& words) {

@@ -2,7 +2,7 @@
 // does what a line tells it to, and a clock that stands still but for `pass`.
 //
 //     broker store attempts_max=2   the first, if at all: with a store, with other limits
-//     worker a threads=1 credit=2   arrives, or comes back
+//     worker a threads=1 credit=2   arrives, or comes back; version=11: and speaks that one
 //     client c                      likewise
 //     submit c job=1 tiles=4        a picture of 4x1 tiles of 10x10 pixels; priority=N
 //     scene c                       sends the scene, the same for all pictures
@@ -86,6 +86,7 @@ private:
 
     [[nodiscard]] Farm& farm();
     void start(const Limits& limits, bool keeps);
+    [[nodiscard]] bool is_understood(const std::string& name, Words& words);
     [[nodiscard]] Worker& worker_of(const std::string& name);
     [[nodiscard]] std::string next_client(Words& words) const;
     [[nodiscard]] static JobId job_of(Words& words);

@@ -205,9 +205,13 @@ std::string told(const ForgetJob& write) {
     return "ForgetJob" + field("job", job) + field("may_come_back", may_come_back);
 }
 
+std::string in_older(protocol::Version version) {
+    return version == protocol::version ? "" : field("version", version);
+}
+
 std::string told(const Send& action) {
-    const auto& [peer, message] = action;
-    return "send " + peer + " " + told(message);
+    const auto& [peer, message, version] = action;
+    return "send " + peer + " " + told(message) + in_older(version);
 }
 std::string told(const Dial& action) {
     const auto& [endpoint] = action;
@@ -231,9 +235,9 @@ std::string told(const Persist& action) {
            std::visit([](const auto& w) { return told(w); }, write);
 }
 std::string told(const SendStored& action) {
-    const auto& [peer, job, tiles, epoch] = action;
+    const auto& [peer, job, tiles, epoch, version] = action;
     return "send_stored " + peer + field("job", job) + field("tiles", tiles) +
-           field("epoch", epoch);
+           field("epoch", epoch) + in_older(version);
 }
 std::string told(const LoadScene& action) {
     const auto& [job, scene, peer] = action;

@@ -30,6 +30,8 @@ TEST_CASE("an action is a line with what it says and where it goes") {
           "persist 4 PutPhase job=3 phase=paused elapsed=3.031s");
     CHECK(printed(SendStored{"c", job, {TileIndex{1}, TileIndex{2}}, 9}) ==
           "send_stored c job=3 tiles=[1 2] epoch=9");
+    CHECK(printed(SendStored{"c", job, {TileIndex{1}}, 9, 11}) ==
+          "send_stored c job=3 tiles=[1] epoch=9 version=11");
     CHECK(printed(Log{LogLevel::warning, "kind", "subject", "two\nlines"}) ==
           "log warning two lines");
 }

@@ -2,6 +2,7 @@
 #include "worker/session.hpp"
 
 #include <doctest/doctest.h>
+#include <set>
 
 using namespace fraja;
 using namespace fraja::worker;
@@ -189,4 +190,64 @@ TEST_CASE("hostile heartbeats are taken as the nearest that makes sense") {
             CHECK(driver.session.next_deadline() > driver.now);
             CHECK(driver.session.next_deadline() <= driver.now + 1h);
         }
+}
+
+TEST_CASE("a broker of the version before is greeted in that, and so again each time") {
+    using protocol::RefusalCode;
+    constexpr protocol::Version older = protocol::oldest_version_spoken;
+    const Received refused{protocol::Refused{RefusalCode::version_mismatch, {}, "11"}, older};
+    const auto hellos = [](const std::vector<Action>& actions) {
+        std::vector<protocol::Version> versions;
+        for (const Action& action : actions)
+            if (const auto* send = std::get_if<Send>(&action))
+                if (std::holds_alternative<protocol::WorkerHello>(send->message))
+                    versions.push_back(send->version);
+        return versions;
+    };
+    const auto spoken = [](const std::vector<Action>& actions) {
+        std::set<protocol::Version> versions;
+        for (const Action& action : actions)
+            if (const auto* send = std::get_if<Send>(&action))
+                versions.insert(send->version);
+        return versions;
+    };
+    using Versions = std::vector<protocol::Version>;
+    SessionDriver driver;
+    CHECK(hellos(driver.step(Tick{})) == Versions{protocol::version});
+    auto actions = driver.step(refused);
+    CHECK(hellos(actions) == Versions{older}); // at once
+    CHECK(of_type<Log>(actions).empty());
+    CHECK(driver.step(refused).empty()); // it comes twice, as a hello may have
+    actions = driver.step(Received{[&] {
+                                       auto w = welcome();
+                                       w.incarnation = driver.incarnation;
+                                       return w;
+                                   }(),
+                                   older});
+    REQUIRE(driver.session.is_connected());
+    CHECK(of_type<Log>(actions).at(0).text.ends_with(", by protocol version 11"));
+    CHECK(spoken(driver.pass(1s)) == std::set{older});
+    CHECK(driver.step(refused).empty()); // late
+    CHECK(driver.session.is_connected());
+    // It is gone, and whoever comes in its place may be a newer one.
+    CHECK(hellos(driver.pass(1h)) == Versions{protocol::version});
+    // Without an answer, it begins anew each time.
+    (void)driver.step(refused);
+    CHECK(hellos(driver.pass(10s)) == Versions{protocol::version});
+    // In its own version: it is meant.
+    actions = driver.receive(protocol::Refused{RefusalCode::version_mismatch, {}, "no"});
+    CHECK(of_type<Finished>(actions).at(0).reason == FinishReason::version_mismatch);
+}
+
+TEST_CASE("an older broker may come in the place of a newer one, and is served") {
+    SessionDriver driver;
+    driver.connect();
+    const auto actions =
+        driver.step(Received{protocol::Refused{protocol::RefusalCode::version_mismatch, {}, "11"},
+                             protocol::oldest_version_spoken});
+    CHECK_FALSE(driver.session.is_connected());
+    const auto sends = of_type<Send>(actions);
+    REQUIRE(sends.size() == 1);
+    CHECK(std::holds_alternative<protocol::WorkerHello>(sends[0].message));
+    CHECK(sends[0].version == protocol::oldest_version_spoken);
 }

@@ -76,13 +76,41 @@ TEST_CASE("the bytes of a message do not drift") {
 }
 
 TEST_CASE("a message of another version is told from rubbish") {
-    for (const unsigned other : {version - 1u, version + 1u})
+    for (const unsigned other : {oldest_version_spoken - 1u, version + 1u, 0u, 0xffffu})
         for (const auto& frames : {frames_of(header_of(Beat::type, other), raw({0x90})),
                                    {Blob(header_of(Beat::type, other))}})
             CHECK(refusal(frames) == ErrorCode::version_mismatch);
+    const auto said = [](unsigned other) {
+        return decode(frames_of(header_of(Beat::type, other), raw({0x90}))).error().message;
+    };
+    CHECK(said(9) == "the peer speaks protocol version 9, this program versions 11 and 12: the "
+                     "peer is too old, and must be updated");
+    CHECK(said(14) == "the peer speaks protocol version 14, this program versions 11 and 12: this "
+                      "program is too old, and must be updated");
     Bytes longer = header_of(Beat::type, version + 1u); // a later version may have a longer header
     longer.push_back(std::byte{1});
     CHECK(refusal(frames_of(longer, raw({0x90}))) == ErrorCode::version_mismatch);
+}
+
+TEST_CASE("the version before is spoken as well") {
+    const Packet packet = encode(NeedChunk{ContentHash{}, 0x80000}, 11);
+    CHECK(packet.header == raw({'F', 'R', 'J', 'A', 11, 0, 10, 0}));
+    CHECK(decode(frames_of(packet)).has_value());
+    CHECK(version_of(frames_of(packet)) == 11);
+    CHECK(version_of(frames_of(header_of(Beat::type, 700), {})) == 700);
+    CHECK_FALSE(version_of(frames_of(raw({'F', 'R', 'J'}), {})).has_value());
+    CHECK_FALSE(version_of({}).has_value());
+    // What it does not know is said in its words.
+    const auto code_of = [](const Packet& said) {
+        return std::get<Refused>(*decode(frames_of(said))).code;
+    };
+    const Refused refused{RefusalCode::not_allowed, {}, "no"};
+    CHECK(code_of(encode(refused, 12)) == RefusalCode::not_allowed);
+    CHECK(code_of(encode(refused, 11)) == RefusalCode::unexpected);
+    CHECK(code_of(encode(Refused{RefusalCode::conflict, {}, "no"}, 11)) == RefusalCode::conflict);
+    CHECK(is_known_to(12, Brokers{}));
+    CHECK_FALSE(is_known_to(11, Brokers{}));
+    CHECK(is_known_to(11, Beat{}));
 }
 
 TEST_CASE("what is not exactly a message is refused") {

@@ -213,6 +213,45 @@ TEST_CASE("the page describes every message and record with its fields in order"
     CHECK(joined(page.headings) == joined(want)); // none missing, none too many, in the same order
 }
 
+TEST_CASE("the page has what came with this version, and no other mark is left") {
+    const Page page = read_page();
+    std::vector<PageField> want; // where, and what
+    std::vector<std::string> messages;
+    const auto look = [&]<class T>(std::type_identity<T>, std::string_view name) {
+        std::vector<std::string> fields;
+        bool is_last = false;
+        const auto note = [&](const auto& field) {
+            CAPTURE(field.name);
+            CHECK((field.since == 0 || field.since == version));
+            CHECK((field.since == version || !is_last)); // fields come at the end
+            is_last = field.since == version;
+            if (is_last)
+                fields.emplace_back(field.name);
+        };
+        std::apply([&](const auto&... field) { (note(field), ...); }, FieldsOf<T>::fields());
+        if (!fields.empty())
+            want.push_back({std::string(name), joined(fields)});
+    };
+    look(std::type_identity<TileInFlight>{}, "TileInFlight");
+    look(std::type_identity<WorkerState>{}, "WorkerState");
+    look(std::type_identity<BrokerState>{}, "BrokerState");
+    look(std::type_identity<Wishes>{}, "Wishes");
+    for_each_message_type([&]<class M>(std::type_identity<M> m) {
+        CHECK((since<M> == 0 || since<M> == version));
+        look(m, M::name);
+        if (since<M> == version)
+            messages.emplace_back(M::name);
+    });
+    auto on_page = page.fields.at("Versions");
+    std::erase_if(on_page, [](const PageField& row) { return row.name == "where"; });
+    CHECK(on_page == want);
+    messages.back().insert(0, "and ");
+    std::string sentence = joined(messages);
+    sentence.erase(sentence.rfind(','), 1);
+    CHECK(page.text.find("With " + std::to_string(version) + " also came " + sentence) !=
+          std::string::npos);
+}
+
 TEST_CASE("no two messages have the same number or name") {
     std::set<std::uint16_t> numbers;
     std::set<std::string_view> names;
