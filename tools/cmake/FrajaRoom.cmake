@@ -91,7 +91,7 @@ function(fraja_test name)
     if(NOT ARG_TIMEOUT)
         set(ARG_TIMEOUT 300)
     endif()
-    set(properties TIMEOUT ${ARG_TIMEOUT})
+    set(properties TIMEOUT ${ARG_TIMEOUT} SKIP_REGULAR_EXPRESSION "TEST SKIPPED") # as tests/support/network.hpp says it
     if(ARG_PROCESSORS)
         list(APPEND properties PROCESSORS ${ARG_PROCESSORS})
     endif()
