@@ -18,7 +18,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-constexpr Duration soon = 20s; // passes at once, unless something is wrong
+constexpr Duration patience = 20s; // passes at once, unless something is wrong
 constexpr std::uint16_t port = 7007;
 
 /// A host's, at one port of either family.
@@ -73,7 +73,8 @@ private:
         pollfd readable{fd, POLLIN, 0};
         if (::poll(&readable, 1,
                    static_cast<int>(
-                       std::chrono::duration_cast<std::chrono::milliseconds>(soon).count())) != 1)
+                       std::chrono::duration_cast<std::chrono::milliseconds>(patience).count())) !=
+            1)
             return "nothing came";
         std::array<char, 256> buffer{};
         const ssize_t n = ::recv(fd, buffer.data(), buffer.size(), 0);
@@ -106,15 +107,15 @@ TEST_CASE("hosts of a test network reach one another, by broadcast too, and nobo
     CHECK(first.receive() == "to all");
     CHECK(second.receive() == "to all");
 
-    const auto on_host = run(network->on(1, {{"ip", "-oneline", "address"}}), soon);
+    const auto on_host = run(network->on(1, {{"ip", "-oneline", "address"}}), patience);
     REQUIRE(on_host);
     INFO(on_host->out << on_host->err);
     CHECK(on_host->exit == 0);
     CHECK(on_host->out.find("10.77.0.2/24") != std::string::npos);
-    const auto way_out = run(network->on(1, {{"ip", "route", "show", "default"}}), soon);
+    const auto way_out = run(network->on(1, {{"ip", "route", "show", "default"}}), patience);
     REQUIRE(way_out);
     CHECK(way_out->out.empty());
-    const auto outside = run({{"ip", "-oneline", "link"}}, soon);
+    const auto outside = run({{"ip", "-oneline", "link"}}, patience);
     REQUIRE(outside);
     CHECK(outside->out.find("port0") == std::string::npos);
 }
@@ -126,7 +127,7 @@ TEST_CASE("a program on a host is a process as any other") {
     auto process = Process::start(network->on(0, {{"/bin/sh", "-c", "echo $$; exec sleep 600"}}));
     REQUIRE(process);
     const auto line = process->wait_for_line(
-        Process::Stream::out, [](auto) { return true; }, soon);
+        Process::Stream::out, [](auto) { return true; }, patience);
     REQUIRE(line);
     CHECK(*line == std::to_string(process->pid()));
 }
