@@ -130,6 +130,10 @@ Context::~Context() = default;
 Context::Context(Context&&) noexcept = default;
 Context& Context::operator=(Context&&) noexcept = default;
 
+const PublicKey* Context::farm() const {
+    return impl_->keys ? &impl_->keys->broker : nullptr;
+}
+
 Result<void> Context::admit(AllowList list) const {
     FRAJA_ASSERT(impl_->keys);
     list.add_brokers(impl_->keys->own.public_key);
