@@ -444,6 +444,8 @@ private:
         session_.clear();
         connected_at_ = now_ + delay(faults_.delay_max);
     }
+    void perform(const Look&) { FRAJA_ASSERT(false); } // its brokers are given
+    void perform(const StopLooking&) {}
     void perform(const OpenStream&) {
         topics_.clear();
         stream_.clear();

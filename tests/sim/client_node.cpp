@@ -105,6 +105,13 @@ bool CoreRunner::perform(client::Connect&& connect) {
     way_->site.network.connect(way_->line);
     return true;
 }
+bool CoreRunner::perform(client::Look&& look) {
+    farm_.violation("a client looks for brokers by " + look.source);
+    return true;
+}
+bool CoreRunner::perform(client::StopLooking&&) {
+    return true;
+}
 bool CoreRunner::perform(client::OpenStream&&) {
     way_->site.stream.open(way_->subscriber);
     return true;

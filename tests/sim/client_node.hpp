@@ -37,6 +37,8 @@ private:
     void perform(std::vector<client::Action>& actions);
     /// False: it could not be sent.
     bool perform(client::Connect&& connect);
+    bool perform(client::Look&& look);
+    bool perform(client::StopLooking&&);
     bool perform(client::OpenStream&&);
     bool perform(client::Subscribe&& subscribe);
     bool perform(client::Unsubscribe&& unsubscribe);
