@@ -166,11 +166,19 @@ private:
                 tell(found_, records.error().message);
             }
             // Many that have lost one broker do not all ask at once.
-            sleep_until(net::now() + from_seconds(seconds(pause) * rng.between(0.75, 1.25)), stop);
+            const double jitter = rng.between(0.75, 1.25);
+            const Instant soonest =
+                net::now() + from_seconds(seconds(state_.options.pause_first) * jitter);
+            Instant next = net::now() + from_seconds(seconds(pause) * jitter);
             pause = std::min(2 * pause, state_.options.pause_max);
-            while (!stop.stop_requested() && !state_.is_wanted()) {
-                pause = state_.options.pause_first;
-                wait({-1, -1}, Instant::never());
+            for (bool wanted = true; !stop.stop_requested(); wanted = state_.is_wanted()) {
+                if (!wanted) { // whoever begins to want one waits no longer than at first
+                    pause = state_.options.pause_first;
+                    next = soonest;
+                } else if (net::now() >= next) {
+                    break;
+                }
+                wait({-1, -1}, wanted ? next : Instant::never());
             }
         }
     }
@@ -199,9 +207,8 @@ void Finder::set_wanted(bool wanted) {
         if (std::exchange(state_->wanted, wanted) == wanted)
             return;
     }
-    if (wanted)
-        for (const auto& search : state_->searches)
-            search->wake();
+    for (const auto& search : state_->searches)
+        search->wake();
 }
 
 int Finder::fd() const {

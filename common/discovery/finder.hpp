@@ -44,7 +44,7 @@ public:
     Finder& operator=(const Finder&) = delete;
 
     /// Whether somebody is without a broker, as at the beginning: names are asked for again and
-    /// again as long as that is so, and at once when it begins to be. Beacons are heard always.
+    /// again as long as that is so, and soon when it begins to be. Beacons are heard always.
     void set_wanted(bool wanted);
     /// Readable when take() may return something. The waker's.
     [[nodiscard]] int fd() const;

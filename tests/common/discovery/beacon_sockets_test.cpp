@@ -161,8 +161,8 @@ TEST_CASE("a finder hears an announcer, until it is gone") {
     network->visit(1, [&] {
         finder = std::make_unique<Finder>(std::vector<std::string>{"auto"}, FinderOptions{});
     });
+    Findings last;
     const auto wait_for = [&](const std::vector<std::string>& wanted) {
-        Findings last;
         while (last.endpoints != wanted) {
             pollfd readable{finder->fd(), POLLIN, 0};
             REQUIRE(::poll(&readable, 1, hearing_ms) == 1);
