@@ -11,6 +11,7 @@
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
 #include "common/cli/state_folder.hpp"
+#include "common/discovery/announcer.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
@@ -20,6 +21,7 @@
 #include "worker/options.hpp"
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -59,6 +61,7 @@ struct Arguments {
     std::string heartbeat = "1s", lease = "60s", keep = "7d", quarantine = "3/10m";
     service::LogOptions log;
     service::KeyOptions keys;
+    std::string announce; ///< empty: not at all
     bool check = false;
 };
 
@@ -126,6 +129,31 @@ Result<void> complete_peers(broker::Options& options) {
                                                       std::to_string(protocol::brokers_max) +
                                                       " brokers stand for each other"};
     return {};
+}
+
+constexpr std::array announce_ways = {"both", "broadcast", "multicast"};
+
+/// What others on the network are told. `bound` is where the broker listens.
+Result<discovery::Announcement> announcement(const Arguments& arguments, const std::string& bound,
+                                             const net::PublicKey* farm) {
+    return discovery::announcement_of(bound, arguments.options.advertise, farm,
+                                      {.broadcast = arguments.announce != "multicast",
+                                       .multicast = arguments.announce != "broadcast"});
+}
+
+/// A broker that cannot be announced serves those who know its address.
+void begin_to_announce(std::optional<discovery::Announcer>& announcer,
+                       const discovery::Announcement& what, service::Logger& logger) {
+    auto sender = discovery::BeaconSender::open(what.ways);
+    if (!sender)
+        return logger.log({LogLevel::error, {}, {}, "--announce: " + sender.error().message});
+    announcer.emplace(*std::move(sender), what.beacon,
+                      [&logger](const LogLine& line) { logger.log(line); });
+    logger.log({LogLevel::info,
+                {},
+                {},
+                "announces itself by " + discovery::to_string(what.ways) + " every second" +
+                    (what.beacon.farm ? "" : ", to whoever has no keys")});
 }
 
 /// Where there is room for less than this, a farm of some size is turned away.
@@ -288,6 +316,12 @@ void describe(CLI::App& app, Arguments& arguments) {
                    "bound")
         ->envname("FRAJA_ADVERTISE")
         ->type_name("ENDPOINT");
+    app.add_flag("--announce{both}", arguments.announce,
+                 "Tell the machines on this network every second where this broker is, for their "
+                 "-b auto: by broadcast and multicast, or --announce=broadcast or multicast alone")
+        ->envname("FRAJA_ANNOUNCE")
+        ->check(CLI::IsMember(std::vector<std::string>(announce_ways.begin(), announce_ways.end())))
+        ->type_name("WAY");
     app.add_option("--upstream", options.upstream.broker,
                    "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
                    "sends is split among the workers here")
@@ -335,6 +369,9 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
         return mistake(read.error().message);
     if (const auto read = complete_upstream(options); !read)
         return mistake(read.error().message);
+    if (!arguments.announce.empty())
+        if (const auto what = announcement(arguments, options.bind, nullptr); !what)
+            return mistake(what.error().message);
     if (!options.allow.empty() && arguments.keys.file.empty())
         return mistake("--allow is of no use without a key of the farm's own: --key-file FILE, as "
                        "fraja-ctl keygen makes it");
@@ -392,6 +429,12 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
         pages = std::move(*bound);
     }
     const auto tell = [&](const std::string& text) { logger.log({LogLevel::info, {}, {}, text}); };
+    auto keys = read_keys(arguments);
+    if (!keys)
+        return fail(keys.error().message);
+    const std::optional<net::PublicKey> farm =
+        *keys ? std::optional((*keys)->own.public_key) : std::nullopt;
+    std::optional<discovery::Announcer> announcer;
     options.signals = &signals;
     options.on_log = [&](const LogLine& line) { logger.log(line); };
     options.on_listening = [&](const std::string& bound, const std::string& stream) {
@@ -402,6 +445,9 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
             fmt::print("http {}\n", to_string(pages->address()));
         }
         std::fflush(stdout);
+        if (!arguments.announce.empty()) // it was one before ports were chosen
+            begin_to_announce(announcer, *announcement(arguments, bound, farm ? &*farm : nullptr),
+                              logger);
         if (pages)
             tell("metrics and health are shown at " + to_string(pages->address()));
         tell(options.state.empty()
@@ -431,9 +477,6 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
     };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };
 
-    auto keys = read_keys(arguments);
-    if (!keys)
-        return fail(keys.error().message);
     const net::Context context(*std::move(keys));
     const broker::Control control;
     const auto ran = broker::run_broker(context, options, control);

@@ -37,8 +37,15 @@ struct TurnedAway {
 /// Nothing is waiting to be read. Timers run at ticks alone, so that a program that was busy for a
 /// while reads what came meanwhile before it calls its peer silent.
 struct Tick {};
+/// What is known of a source (common/discovery) from now on: a Look has asked for it.
+struct BrokersFound {
+    std::string source;
+    std::vector<std::string> endpoints; ///< in the order in which they are to be tried
+    std::string trouble;                ///< why there are none, for people; may be empty
+};
 
-using Event = std::variant<FromBroker, FromStream, Undecodable, NotSent, TurnedAway, Tick>;
+using Event =
+    std::variant<FromBroker, FromStream, Undecodable, NotSent, TurnedAway, Tick, BrokersFound>;
 
 // ------------------------------------------------------------------------------------------- news
 
@@ -68,6 +75,8 @@ struct ConnectionChanged {
     bool connected = false;
     std::string broker; ///< the endpoint
     std::string stream; ///< where that says its stream is; empty where it is lost
+    /// It is known by its own announcement alone, and has shown no key: it may be anybody.
+    bool is_unproven = false;
 };
 /// The last word of a core.
 struct Finished {
@@ -87,6 +96,13 @@ struct Connect {
 struct Speak {
     protocol::Version version = protocol::version;
 };
+/// There is no connection any more: find out which brokers that source has. It is told by
+/// BrokersFound, also if nothing has changed, and whenever something does.
+struct Look {
+    std::string source;
+};
+/// A broker is here: nobody need be found.
+struct StopLooking {};
 /// Open the stream, instead of the one there was; its subscriptions are forgotten.
 struct OpenStream {
     std::string told; ///< Welcome's words: an endpoint as the broker sees it
@@ -101,7 +117,8 @@ struct Send {
     protocol::Message message;
 };
 
-using Action = std::variant<Connect, Speak, OpenStream, Subscribe, Unsubscribe, Send, News>;
+using Action =
+    std::variant<Connect, Speak, Look, StopLooking, OpenStream, Subscribe, Unsubscribe, Send, News>;
 
 /// Decides; has no socket, clock, thread or global. Same history, same actions.
 class Core {

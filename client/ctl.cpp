@@ -12,6 +12,7 @@
 #include "client/table.hpp"
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
+#include "common/discovery/source.hpp"
 #include "common/net/clock.hpp"
 #include "common/protocol/limits.hpp"
 
@@ -95,7 +96,7 @@ private:
         std::vector<AskedBroker> asked;
         Outcome outcome;
         bool any = false;
-        std::vector<std::string> brokers = options_.shared.brokers;
+        std::vector<std::string> brokers = named_brokers();
         for (std::size_t i = 0; i < brokers.size(); ++i) {
             const std::string broker = brokers[i];
             FarmCatcher catcher;
@@ -119,6 +120,22 @@ private:
         else
             fmt::print("{}", brokers_table(asked));
         return any ? Outcome{} : outcome;
+    }
+
+    /// With those that a source has now in its place; where it has none, it is asked as it stands.
+    [[nodiscard]] std::vector<std::string> named_brokers() const {
+        std::vector<std::string> brokers;
+        for (const std::string& broker : options_.shared.brokers) {
+            std::vector<std::string> found;
+            if (discovery::is_source(broker))
+                found = find_brokers(broker, options_.shared).endpoints;
+            if (found.empty())
+                found = {broker};
+            for (std::string& endpoint : found)
+                if (std::ranges::find(brokers, endpoint) == brokers.end())
+                    brokers.push_back(std::move(endpoint));
+        }
+        return brokers;
     }
 
     Outcome perform(const ShowStats&) {

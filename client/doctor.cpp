@@ -11,6 +11,8 @@
 #include "common/cli/settings.hpp"
 #include "common/cli/settings_file.hpp"
 #include "common/cli/state_folder.hpp"
+#include "common/discovery/beacon.hpp"
+#include "common/discovery/source.hpp"
 #include "common/image_io/picture_codec.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
@@ -216,6 +218,20 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
     return findings;
 }
 
+Finding examine_source(const discovery::Findings& found) {
+    if (!found.endpoints.empty())
+        return {good, found.source, "names " + comma_list(found.endpoints), {}};
+    if (found.source == discovery::beacon_source)
+        return {bad, found.source, found.trouble,
+                "let UDP port " + std::to_string(discovery::beacon_port) +
+                    " through this machine's firewall; switches may keep multicast or broadcast "
+                    "back; or name the broker, -b HOST",
+                true};
+    return {bad, found.source, found.trouble,
+            "SRV records of that name, with the brokers' hosts and ports; or name one, -b HOST",
+            true};
+}
+
 const char* const same_release = "bring all machines to the same release";
 
 /// Workers of another release than the broker's: their pixels need not be those of the others.
@@ -301,10 +317,26 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
     return findings;
 }
 
+discovery::Findings find_brokers(const std::string& source, const SharedOptions& shared) {
+    return discovery::find_now(
+        source, discovery::finder_options(shared.keys ? &shared.keys->broker : nullptr),
+        std::min(shared.connect_timeout, patience));
+}
+
 std::vector<Finding> examine_brokers(const SharedOptions& shared, const net::SignalWatch* signals) {
     std::vector<Finding> findings;
-    for (const std::string& broker : shared.brokers)
-        std::ranges::move(examine_broker(broker, shared, signals), std::back_inserter(findings));
+    for (const std::string& broker : shared.brokers) {
+        if (!discovery::is_source(broker)) {
+            std::ranges::move(examine_broker(broker, shared, signals),
+                              std::back_inserter(findings));
+            continue;
+        }
+        const auto found = find_brokers(broker, shared);
+        findings.push_back(examine_source(found));
+        for (const std::string& endpoint : found.endpoints)
+            std::ranges::move(examine_broker(endpoint, shared, signals),
+                              std::back_inserter(findings));
+    }
     return findings;
 }
 

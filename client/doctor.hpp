@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/options.hpp"
+#include "common/discovery/finder.hpp"
 #include "common/net/signals.hpp"
 #include "common/protocol/messages.hpp"
 
@@ -39,6 +40,10 @@ inline constexpr std::uint64_t disk_bytes_few = std::uint64_t{1} << 30;
 /// What a farm says of itself. `unix_time`: this machine's clock, since 1970.
 [[nodiscard]] std::vector<Finding> examine_farm(const protocol::FarmState& farm,
                                                 Duration unix_time);
+
+/// What a source (common/discovery) tells now, or that it tells nothing for a while.
+[[nodiscard]] discovery::Findings find_brokers(const std::string& source,
+                                               const SharedOptions& shared);
 
 /// Each broker of the options: its name, its port, its version, its stream, its farm. `signals` may
 /// be null.

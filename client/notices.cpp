@@ -71,6 +71,12 @@ void SearchNotice::end() {
         console_.redraw("");
 }
 
+void SearchNotice::warn_of(const std::string& broker) {
+    if (!std::exchange(warned_, true))
+        console_.warning("found the broker at " + broker +
+                         " by its announcement; without keys nothing proves whose it is");
+}
+
 AnswerNotice::AnswerNotice(Console& console, std::vector<std::string> workers, Instant now)
     : console_(console), workers_(std::move(workers)),
       due_(workers_.empty() ? Instant::never() : now + unanswered_max) {}
@@ -203,6 +209,9 @@ std::string worker_cure(const std::string& broker) {
 
 void SearchingListener::hear(Instant now, const News& news) {
     notice_.end(); // whatever it is: no longer looked for
+    if (const auto* connection = std::get_if<ConnectionChanged>(&news);
+        connection && connection->is_unproven)
+        notice_.warn_of(connection->broker);
     listener_.hear(now, news);
 }
 

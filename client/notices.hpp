@@ -35,6 +35,8 @@ public:
     Instant tick(Instant now);
     /// It was found, or nobody looks any more: the redrawn line is clear again.
     void end();
+    /// Says, once, that a broker is known by its own word alone.
+    void warn_of(const std::string& broker);
 
 private:
     void say(const std::vector<std::string>& hindrances);
@@ -44,7 +46,7 @@ private:
     std::vector<std::string> brokers_;
     Instant due_, said_by_ = Instant::never();
     std::unique_ptr<Reaching> reaching_; ///< from when it is due until it is said
-    bool drawn_ = false;
+    bool drawn_ = false, warned_ = false;
 };
 
 /// Says, once, which of the workers that --direct names nobody answers at.

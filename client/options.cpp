@@ -1,6 +1,7 @@
 #include "client/options.hpp"
 
 #include "common/base/text.hpp"
+#include "common/discovery/source.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
 #include "common/protocol/messages.hpp"
@@ -48,7 +49,9 @@ constexpr Names<PreviewMode, 5> preview_modes{{{{"auto", PreviewMode::automatic}
 void SharedArguments::add_to(CLI::App& app, std::string program, std::string_view isa) {
     program_ = std::move(program);
     app.set_version_flag("--version", version_line(program_, isa));
-    app.add_option("-b,--broker", brokers_, "Broker to ask, HOST:PORT; several are tried in turn")
+    app.add_option("-b,--broker", brokers_,
+                   "Broker to ask, HOST:PORT; several are tried in turn; auto: one that announces "
+                   "itself on this network; srv:DOMAIN: those that the DNS names")
         ->envname("FRAJA_BROKER")
         ->delimiter(',')
         ->allow_extra_args(false)
@@ -86,15 +89,10 @@ Result<SharedOptions> SharedArguments::read(bool asks_broker) const {
         brokers = {net::default_broker};
     if (brokers.size() > brokers_max)
         return invalid_option("--broker: at most " + std::to_string(brokers_max));
-    for (const std::string& text : brokers) {
-        if (text == "auto")
-            return invalid_option("--broker auto: this release does not discover brokers yet; name "
-                                  "one, as -b HOST:50057");
-        auto endpoint = net::endpoint_to_connect(text, net::broker_port);
-        if (!endpoint)
-            return invalid_option("--broker: " + endpoint.error().message);
-        options.brokers.push_back(std::move(*endpoint));
-    }
+    auto words = discovery::broker_words(brokers);
+    if (!words)
+        return invalid_option("--broker: " + words.error().message);
+    options.brokers = *std::move(words);
     const auto timeout = parse_duration(connect_timeout_);
     if (!timeout)
         return invalid_option("--connect-timeout " + connect_timeout_ +
@@ -172,7 +170,8 @@ SessionOptions session_options(const SharedOptions& shared) {
     char host[256] = {};
     gethostname(host, sizeof host - 1);
     return {shared.brokers, shared.connect_timeout,
-            shared.console.program + "@" + host + ":" + std::to_string(getpid())};
+            shared.console.program + "@" + host + ":" + std::to_string(getpid()),
+            shared.keys.has_value()};
 }
 
 } // namespace fraja::client

@@ -23,7 +23,7 @@ namespace fraja::client {
 enum class ProgressMode : std::uint8_t { automatic, bar, plain, json, none };
 
 struct SharedOptions {
-    std::vector<std::string> brokers; ///< whole endpoints, at least one
+    std::vector<std::string> brokers; ///< whole endpoints and sources, at least one
     Duration connect_timeout = std::chrono::seconds(10);
     ProgressMode progress = ProgressMode::automatic;
     ConsoleOptions console;

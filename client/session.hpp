@@ -6,6 +6,7 @@
 
 #include "client/core.hpp"
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,9 +14,12 @@
 namespace fraja::client {
 
 struct SessionOptions {
-    std::vector<std::string> brokers; ///< at least one; tried in turn
+    /// At least one; tried in turn. A source (common/discovery) stands for those that are found
+    /// when it has its turn.
+    std::vector<std::string> brokers;
     Duration connect_timeout = std::chrono::seconds(10);
     std::string client_name;
+    bool has_keys = false; ///< so brokers show theirs
 };
 
 class Session {
@@ -39,7 +43,8 @@ public:
     [[nodiscard]] const protocol::Welcome& welcome() const { return welcome_; } ///< the last one
     /// The version in which the broker is spoken to now.
     [[nodiscard]] protocol::Version spoken() const { return spoken_; }
-    [[nodiscard]] const std::string& broker() const { return options_.brokers[broker_]; }
+    /// Or the source that is looked at.
+    [[nodiscard]] const std::string& broker() const { return brokers_[broker_]; }
     [[nodiscard]] Outcome failure() const { return failure_; }
 
     /// Whether a lost broker is looked for without end: when there is a job that goes on meanwhile.
@@ -55,15 +60,27 @@ private:
     Change take(Instant now, const protocol::Refused& refused, std::vector<Action>& actions);
     Change take_refusal(Instant now, const std::string& reason, std::vector<Action>& actions);
     void learn(const std::vector<protocol::Member>& brokers);
+    void take(Instant now, const BrokersFound& found, std::vector<Action>& actions);
+    void list_brokers();
+    void next_turn(Instant now, std::vector<Action>& actions);
+    void look_at_source(Instant now, std::vector<Action>& actions);
+    Change give_up();
     void lose(Instant now, std::vector<Action>& actions);
     Change tick(Instant now, std::vector<Action>& actions);
     Change end(Change change, Outcome outcome);
     [[nodiscard]] Duration turn() const;
+    [[nodiscard]] bool is_at_source() const;
+    [[nodiscard]] bool has_sources() const;
+    [[nodiscard]] bool is_unproven() const;
 
-    SessionOptions options_;   ///< its brokers with those that were told of behind them
-    std::size_t named_ = 0;    ///< brokers that were given
-    std::size_t broker_ = 0;   ///< index of the one we speak to
-    std::size_t refusals_ = 0; ///< of brokers that do not let us in, since one has
+    const SessionOptions options_;
+    std::map<std::string, std::vector<std::string>> found_; ///< by source, the last time
+    std::vector<std::string> told_;                         ///< that stand for one we speak to
+    std::vector<std::string> brokers_; ///< all these: those given, what was found behind its source
+    std::size_t broker_ = 0;           ///< index of the one we speak to
+    std::size_t refusals_ = 0;         ///< of brokers that do not let us in, since one has
+    std::string refusal_;              ///< of the last of these
+    std::string trouble_;              ///< of the source that was looked at last
     bool open_ = false;
     bool ended_ = false;
     bool patient_ = false;
@@ -77,6 +94,8 @@ private:
     Duration heartbeat_{}, silence_max_{};
     Instant looking_since_{}; ///< while not open
     Instant turn_ends_ = Instant::never();
+    Instant look_due_ = Instant::never();      ///< at a source
+    std::map<std::string, Instant> looked_at_; ///< by source
     Instant hello_due_ = Instant::never();
     Duration hello_pause_{};
     Instant beat_due_ = Instant::never();

@@ -1,5 +1,6 @@
 #include "client/shell.hpp"
 
+#include "common/discovery/finder.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/reach.hpp"
@@ -7,6 +8,8 @@
 
 #include <algorithm>
 #include <csignal>
+#include <map>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -26,12 +29,25 @@ public:
     Port(const net::Context& context, bool has_job) : context_(context), has_job_(has_job) {}
 
     void perform(const Connect& action) {
-        dealer_.reset();
-        stream_.reset();
+        hang_up();
         reached_ = action.broker;
         connect();
     }
     void perform(const Speak& action) { spoken_ = action.version; }
+    void perform(const Look& action) {
+        hang_up();
+        reached_.clear();
+        Looking& looking = looking_[action.source];
+        if (!looking.finder)
+            looking.finder = std::make_unique<discovery::Finder>(
+                std::vector{action.source}, discovery::finder_options(context_.farm()));
+        looking.finder->set_wanted(true);
+        looking.is_to_be_told = looking.last.has_value();
+    }
+    void perform(const StopLooking&) {
+        for (const auto& [source, looking] : looking_)
+            looking.finder->set_wanted(false);
+    }
     void perform(const OpenStream& action) {
         stream_.reset();
         const auto endpoint = net::stream_endpoint(reached_, action.told);
@@ -82,11 +98,30 @@ public:
         return std::nullopt;
     }
 
+    /// What is new, and what was known when it was asked for.
+    [[nodiscard]] std::vector<discovery::Findings> take_findings() {
+        std::vector<discovery::Findings> all;
+        for (auto& [source, looking] : looking_) {
+            for (discovery::Findings& findings : looking.finder->take()) {
+                looking.last = std::move(findings);
+                looking.is_to_be_told = true;
+            }
+            if (std::exchange(looking.is_to_be_told, false))
+                all.push_back(*looking.last);
+        }
+        return all;
+    }
+
     void wait(std::vector<net::Waitable> all, Duration timeout) const {
         if (dealer_)
             all.emplace_back(*dealer_);
         if (stream_)
             all.emplace_back(*stream_);
+        for (const auto& [source, looking] : looking_) {
+            all.emplace_back(looking.finder->fd());
+            if (looking.is_to_be_told)
+                timeout = Duration::zero();
+        }
         net::wait(all, timeout);
     }
 
@@ -98,6 +133,17 @@ public:
     }
 
 private:
+    /// At a source, since it was its turn for the first time.
+    struct Looking {
+        std::unique_ptr<discovery::Finder> finder;
+        std::optional<discovery::Findings> last;
+        bool is_to_be_told = false;
+    };
+
+    void hang_up() {
+        dealer_.reset();
+        stream_.reset();
+    }
     /// Where there was no descriptor left for it, it is tried again with the next word.
     void connect() {
         if (dealer_ || reached_.empty())
@@ -112,6 +158,7 @@ private:
     std::optional<net::DealerSocket> dealer_;
     std::optional<net::SubscriberSocket> stream_;
     protocol::Version spoken_ = protocol::version;
+    std::map<std::string, Looking> looking_; // by source
     bool not_sent_ = false;
 };
 
@@ -168,6 +215,10 @@ private:
             drained = drained && i + 1 < burst;
             step(*event);
         }
+        for (discovery::Findings& findings : port_.take_findings())
+            if (!outcome_)
+                step(BrokersFound{std::move(findings.source), std::move(findings.endpoints),
+                                  std::move(findings.trouble)});
         return drained;
     }
 

@@ -52,6 +52,7 @@ struct FrameState {
     std::optional<protocol::JobState> job, accepted;
     std::uint64_t rays_before = 0; ///< of a job that is taken over: traced for somebody else
     std::string broker;
+    bool is_unproven = false;       ///< that broker, by ConnectionChanged
     bool connected = true;          ///< not known to be without the broker
     bool unwritten = false;         ///< its file cannot be written
     std::optional<Outcome> outcome; ///< it is over
@@ -98,6 +99,7 @@ private:
         const std::lock_guard lock(shared_.mutex);
         state_.connected = news.connected;
         state_.broker = news.broker;
+        state_.is_unproven = state_.is_unproven || news.is_unproven;
     }
     void take(const FarmChanged&) {}
     void take(const Finished&) {}
@@ -284,6 +286,8 @@ private:
         one.state->output = frame_file(options_.output, one.state->number);
         one.state->connected = connected_;
         SessionOptions session = session_;
+        if (!broker_.empty() && std::ranges::count(session.brokers, broker_) == 0)
+            session.brokers.insert(session.brokers.begin(), broker_); // found by another frame
         if (accepted_) // who has been there once is waited for, as with a single picture
             session.connect_timeout = for_ever;
         one.thread = std::jthread([this, &state = *one.state, session = std::move(session)] {
@@ -354,6 +358,8 @@ private:
                 any_knows = any_knows || !failed;
                 if (!one.state->broker.empty())
                     broker_ = one.state->broker;
+                if (one.state->is_unproven)
+                    search_->warn_of(broker_);
                 accepted_ = accepted_ || one.state->job;
                 if (const auto& job = one.state->job)
                     worker_seen_ = worker_seen_ || job->worker_count > 0 || job->done_count > 0;

@@ -18,6 +18,8 @@ using protocol::Member;
 /// whose place.
 constexpr std::size_t circle_max = 4 * brokers_max;
 constexpr std::size_t shunned_max = 4 * brokers_max;
+/// A session that is greeted anew is soon there again.
+constexpr Duration alone_patience = std::chrono::seconds(15);
 
 bool contains(std::span<const BrokerId> circle, const BrokerId& broker) {
     return std::ranges::find(circle, broker) != circle.end();
@@ -30,14 +32,17 @@ std::span<const Member> sound_part(const std::vector<Member>& list) {
 
 } // namespace
 
-std::uint32_t crew_sessions_max(std::size_t endpoint_count, bool is_called) {
-    return static_cast<std::uint32_t>(is_called ? 1 : endpoint_count + brokers_max);
+std::uint32_t crew_sessions_max(std::size_t endpoint_count, bool is_called, bool is_looking) {
+    return static_cast<std::uint32_t>(
+        is_called ? 1 : endpoint_count + brokers_max + (is_looking ? brokers_found_max : 0));
 }
 
 Crew::Crew(CrewOptions options)
     : identity_(std::move(options.identity)), limits_(options.limits), first_(options.first),
-      slots_max_(crew_sessions_max(options.endpoints.size(), identity_.is_called)) {
-    FRAJA_ASSERT(!options.endpoints.empty());
+      slots_max_(
+          crew_sessions_max(options.endpoints.size(), identity_.is_called, options.is_looking)),
+      is_looking_(options.is_looking) {
+    FRAJA_ASSERT(!options.endpoints.empty() || is_looking_);
     FRAJA_ASSERT(!identity_.is_called || options.endpoints.size() == 1);
     for (std::string& endpoint : options.endpoints) {
         Slot& slot = slots_.emplace_back();
@@ -52,6 +57,9 @@ void Crew::step(Instant now, const CrewEvent& event, std::vector<CrewAction>& ac
     Turn turn{now, actions};
     std::visit([&](const auto& e) { on(turn, e); }, event);
     settle(turn);
+    let_go_of_vanished(turn);
+    if (is_looking_ && (!is_alone() || shunned_until_ == Instant{}))
+        shunned_until_ = now + alone_patience;
     end_if_nobody_is_left(turn);
 }
 
@@ -69,6 +77,10 @@ std::vector<SessionIndex> Crew::sessions() const {
         if (slots_[i].session)
             indices.push_back(index_of(i));
     return indices;
+}
+
+bool Crew::is_alone() const {
+    return std::ranges::none_of(slots_, [this](const Slot& slot) { return is_connected(slot); });
 }
 
 bool Crew::is_connected(SessionIndex session) const {
@@ -104,6 +116,19 @@ void Crew::on(Turn& turn, const NotOpened& event) {
     close(turn, i, {});
 }
 
+/// Whoever was shunned is tried again where nobody was served for a while: it may be another broker
+/// by now, or the only way to one that was served at another endpoint.
+void Crew::on(Turn& turn, const BrokersFound& event) {
+    if (leaving_)
+        return;
+    if (is_alone() && turn.now >= shunned_until_)
+        shunned_.clear();
+    found_[event.source] = event.endpoints;
+    let_go_of_vanished(turn); // they make room
+    for (const std::string& endpoint : event.endpoints)
+        open(turn, endpoint, event.source);
+}
+
 void Crew::on(Turn& turn, const CrewTick& event) {
     for (const SessionProgress& progress : event.progress)
         if (const Slot& slot = slots_[slot_of(progress.session)]; slot.session)
@@ -116,12 +141,14 @@ void Crew::on(Turn& turn, const CrewTick& event) {
 
 void Crew::on(Turn& turn, const Drain& event) {
     leaving_ = true;
+    reason_ = FinishReason::drained;
     for (std::size_t i = 0; i < slots_.size(); ++i)
         with_session(turn, i, [&](Session& session) { session.step(turn.now, event, buffer_); });
 }
 
 void Crew::on(Turn& turn, const StopNow& event) {
     leaving_ = true;
+    reason_ = FinishReason::stopped;
     for (std::size_t i = 0; i < slots_.size(); ++i)
         with_session(turn, i, [&](Session& session) {
             session.prepare_to_leave(turn.now, FinishReason::stopped, buffer_);
@@ -202,7 +229,8 @@ void Crew::heed_lists(Turn& turn, std::size_t teller) {
 }
 
 /// Two endpoints are one broker's. It knows one worker by the newer of its sessions, so one of them
-/// goes: one that was told of before one that was given, or the later one.
+/// goes: one that was told of before one that was found, that before one that was given, or the
+/// later one.
 void Crew::look_for_alias(Turn& turn, std::size_t i) {
     const BrokerId broker = slots_[i].broker;
     if (broker == BrokerId{})
@@ -210,7 +238,9 @@ void Crew::look_for_alias(Turn& turn, std::size_t i) {
     for (std::size_t j = 0; j < slots_.size(); ++j) {
         if (j == i || !is_connected(slots_[j]) || slots_[j].broker != broker)
             continue;
-        const auto rank = [&](std::size_t s) { return std::tuple(!slots_[s].is_given, s); };
+        const auto rank = [&](std::size_t s) {
+            return std::tuple(!slots_[s].is_given, !slots_[s].is_found, s);
+        };
         const std::size_t gone = rank(i) > rank(j) ? i : j, kept = gone == i ? j : i;
         shun(slots_[gone]);
         close(turn, gone, "it is the broker at " + slots_[kept].endpoint);
@@ -266,10 +296,11 @@ void Crew::settle(Turn& turn) {
     }
 }
 
-/// Brokers that were told of are greeted for as long as one that was given may come back, or one of
-/// them is there.
+/// Brokers that were told of are greeted for as long as one that was given may come back or be
+/// found, or one of them is there. Who is told to leave by the last one looks for no other.
 void Crew::end_if_nobody_is_left(Turn& turn) {
-    if (finished_ || std::ranges::any_of(slots_, [&](const Slot& slot) {
+    const bool may_find = is_looking_ && !leaving_ && reason_ != FinishReason::dismissed;
+    if (finished_ || may_find || std::ranges::any_of(slots_, [&](const Slot& slot) {
             return (slot.session && slot.is_given) || is_connected(slot);
         }))
         return;
@@ -281,21 +312,53 @@ void Crew::end_if_nobody_is_left(Turn& turn) {
 
 void Crew::open(Turn& turn, std::size_t teller, const Member& member) {
     const auto i = free_slot();
-    if (!i)
+    const auto told = std::ranges::count_if(
+        slots_, [](const Slot& slot) { return slot.session && !slot.is_given && !slot.is_found; });
+    if (!i || told >= static_cast<std::ptrdiff_t>(brokers_max))
         return;
-    if (*i == slots_.size())
+    Slot& slot = begin_session(turn, *i, member.endpoint);
+    slot.teller = teller;
+    slot.broker = member.broker;
+    log(turn, *i, "broker_told", "served as well: " + slots_[teller].endpoint + " tells of it");
+    regroup();
+}
+
+/// Because a source has it.
+void Crew::open(Turn& turn, const std::string& endpoint, const std::string& source) {
+    const auto i = free_slot();
+    const auto found = std::ranges::count_if(
+        slots_, [](const Slot& slot) { return slot.session && slot.is_found; });
+    const bool is_known =
+        shunned_.contains(endpoint) || std::ranges::any_of(slots_, [&](const Slot& slot) {
+            return slot.session && slot.endpoint == endpoint;
+        });
+    if (is_known || !i || found >= static_cast<std::ptrdiff_t>(brokers_found_max))
+        return;
+    begin_session(turn, *i, endpoint).is_found = true;
+    log(turn, *i, "broker_found", "found by " + source);
+    regroup();
+}
+
+Crew::Slot& Crew::begin_session(Turn& turn, std::size_t i, const std::string& endpoint) {
+    if (i == slots_.size())
         slots_.emplace_back();
-    Slot& slot = slots_[*i];
+    Slot& slot = slots_[i];
     slot = {};
     slot.session = std::make_unique<Session>(identity_, limits_);
     slot.session->share_tickets(last_ticket_);
     slot.session->begin_after(last_incarnation_);
-    slot.endpoint = member.endpoint;
-    slot.teller = teller;
-    slot.broker = member.broker;
-    turn.actions.push_back({index_of(*i), Open{member.endpoint}});
-    log(turn, *i, "broker_told", "served as well: " + slots_[teller].endpoint + " tells of it");
-    regroup();
+    slot.endpoint = endpoint;
+    turn.actions.push_back({index_of(i), Open{endpoint}});
+    return slot;
+}
+
+/// Brokers that were found, are not found any more, and are not there.
+void Crew::let_go_of_vanished(Turn& turn) {
+    for (std::size_t i = 0; i < slots_.size(); ++i)
+        if (const Slot& slot = slots_[i]; slot.is_found && slot.session && !is_connected(slot) &&
+                                          slot.session->tile_count() == 0 &&
+                                          !is_found(slot.endpoint))
+            close(turn, i, "it is not found any more");
 }
 
 void Crew::close(Turn& turn, std::size_t i, const std::string& why) {
@@ -376,7 +439,7 @@ bool Crew::is_served(const Member& member) const {
 /// It was told of, is not any more, and nothing is left to be done for it.
 bool Crew::is_omitted(std::size_t i) const {
     const Slot& slot = slots_[i];
-    if (!slot.session || slot.is_given || slot.session->tile_count() > 0)
+    if (!slot.session || slot.is_given || slot.is_found || slot.session->tile_count() > 0)
         return false;
     bool omitted = false;
     for (std::size_t j = 0; j < slots_.size(); ++j) {
@@ -393,11 +456,13 @@ bool Crew::is_omitted(std::size_t i) const {
     return omitted;
 }
 
+bool Crew::is_found(const std::string& endpoint) const {
+    return std::ranges::any_of(found_, [&](const auto& of_source) {
+        return std::ranges::find(of_source.second, endpoint) != of_source.second.end();
+    });
+}
+
 std::optional<std::size_t> Crew::free_slot() const {
-    const auto told = std::ranges::count_if(
-        slots_, [](const Slot& slot) { return slot.session && !slot.is_given; });
-    if (told >= static_cast<std::ptrdiff_t>(brokers_max))
-        return std::nullopt;
     for (std::size_t i = 0; i < slots_.size(); ++i)
         if (!slots_[i].session && slots_[i].unwanted.empty())
             return i;

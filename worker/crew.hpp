@@ -33,6 +33,11 @@ struct SessionEvent {
 struct NotOpened {
     SessionIndex session{};
 };
+/// What is known of a source (common/discovery) from now on.
+struct BrokersFound {
+    std::string source;
+    std::vector<std::string> endpoints; ///< as sockets connect to them
+};
 struct SessionProgress {
     SessionIndex session{};
     std::vector<TileProgress> tiles;
@@ -42,12 +47,12 @@ struct CrewTick {
     std::vector<SessionProgress> progress;
 };
 
-using CrewEvent = std::variant<SessionEvent, NotOpened, CrewTick, Drain, StopNow>;
+using CrewEvent = std::variant<SessionEvent, NotOpened, BrokersFound, CrewTick, Drain, StopNow>;
 
 // ----------------------------------------------------------------------------------------- actions
 
-/// Connect to a broker that was told of: from now on there is a session of that number, which a
-/// CrewTick that is due at once has say hello.
+/// Connect to a broker that was told of, or found: from now on there is a session of that number,
+/// which a CrewTick that is due at once has say hello.
 struct Open {
     std::string endpoint;
 };
@@ -66,15 +71,21 @@ struct CrewAction {
 
 struct CrewOptions {
     Identity identity; ///< of all sessions
-    /// Of the brokers that it shall serve, in the order of their sessions. Of a worker that is
-    /// called: one, which nobody reads.
+    /// Of the brokers that it shall serve, in the order of their sessions; none where all are to be
+    /// found. Of a worker that is called: one, which nobody reads.
     std::vector<std::string> endpoints;
+    /// Whether brokers are looked for: then it is never over because there are none.
+    bool is_looking = false;
     SessionIndex first{}; ///< its sessions are numbered from this one on
     Limits limits;
 };
 
+/// Brokers that are served because they were found, at a time.
+inline constexpr std::size_t brokers_found_max = 16;
+
 /// So many numbers a crew takes for its sessions, at most.
-[[nodiscard]] std::uint32_t crew_sessions_max(std::size_t endpoint_count, bool is_called);
+[[nodiscard]] std::uint32_t crew_sessions_max(std::size_t endpoint_count, bool is_called,
+                                              bool is_looking);
 
 class Crew {
 public:
@@ -94,12 +105,15 @@ public:
     /// Those that are not over.
     [[nodiscard]] std::vector<SessionIndex> sessions() const;
     [[nodiscard]] bool is_connected(SessionIndex session) const;
+    /// With no session: brokers are to be looked for.
+    [[nodiscard]] bool is_alone() const;
 
 private:
     struct Slot {
         std::unique_ptr<Session> session; // null: over
         std::string endpoint;
         bool is_given = false;              // by the options, and not told of
+        bool is_found = false;              // by a source: neither
         std::size_t teller = 0;             // otherwise: the slot whose broker told of it
         BrokerId broker;                    // that welcomed it last, or that was told of
         std::vector<protocol::Member> list; // as its broker said last
@@ -113,6 +127,7 @@ private:
 
     void on(Turn& turn, const SessionEvent& event);
     void on(Turn& turn, const NotOpened& event);
+    void on(Turn& turn, const BrokersFound& event);
     void on(Turn& turn, const CrewTick& event);
     void on(Turn& turn, const Drain& event);
     void on(Turn& turn, const StopNow& event);
@@ -128,6 +143,9 @@ private:
     void end_if_nobody_is_left(Turn& turn);
 
     void open(Turn& turn, std::size_t teller, const protocol::Member& member);
+    void open(Turn& turn, const std::string& endpoint, const std::string& source);
+    Slot& begin_session(Turn& turn, std::size_t slot, const std::string& endpoint);
+    void let_go_of_vanished(Turn& turn);
     void close(Turn& turn, std::size_t slot, const std::string& why);
     void retire(Turn& turn, std::size_t slot);
     void shun(const Slot& slot);
@@ -142,6 +160,7 @@ private:
     [[nodiscard]] static bool are_allies(const Slot& a, const Slot& b);
     [[nodiscard]] bool is_served(const protocol::Member& member) const;
     [[nodiscard]] bool is_omitted(std::size_t slot) const;
+    [[nodiscard]] bool is_found(const std::string& endpoint) const;
     [[nodiscard]] std::optional<std::size_t> free_slot() const;
 
     const Identity identity_;
@@ -152,6 +171,9 @@ private:
     std::vector<Slot> slots_;            // as many as were ever in use at once
     const std::size_t slots_max_;
     std::map<std::string, BrokerId> shunned_; // endpoints, and who is not to be served there
+    const bool is_looking_;
+    std::map<std::string, std::vector<std::string>> found_; // by source
+    Instant shunned_until_{}; // of a crew that looks for brokers, unless it has one
     bool leaving_ = false;
     FinishReason reason_{};
     std::optional<FinishReason> finished_;

@@ -5,6 +5,7 @@
 #include "common/base/text.hpp"
 #include "common/base/version.hpp"
 #include "common/cli/parse.hpp"
+#include "common/discovery/source.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/net/signals.hpp"
 #include "common/render/kernel/render.hpp"
@@ -36,6 +37,7 @@ constexpr const char* examples = R"(Examples:
   fraja-worker                                   serve the broker on this machine with every CPU
   fraja-worker -b tcp://farm.example:50057 -j 8  serve another machine's, with eight threads
   fraja-worker -b tcp://a:50057,tcp://b:50057    serve two brokers
+  fraja-worker -b auto --key-file worker.key     serve the own farm's, wherever on this network
   fraja-worker --listen tcp://127.0.0.1:0        wait for fraja-submit --direct; the port is printed
   fraja-worker --emulate 16@3k --emulate 16@6k   look like 32 machines of two speeds, to try a broker
 
@@ -78,8 +80,11 @@ void describe(CLI::App& app, Arguments& arguments) {
     app.set_version_flag("--version",
                          version_line(program, kernel::instruction_set().value_or(no_isa)));
     CLI::Option* const broker =
-        app.add_option("-b,--broker", options.brokers,
-                       "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them")
+        app.add_option(
+               "-b,--broker", options.brokers,
+               "Broker to serve, tcp://HOST:PORT; several, or a comma list: all of them; auto: "
+               "those that announce themselves on this network; srv:DOMAIN: those that the "
+               "DNS names")
             ->envname("FRAJA_BROKER")
             ->delimiter(',')
             ->default_str(net::default_broker)
@@ -196,15 +201,10 @@ Result<void> complete(Arguments& arguments, bool threads_given) {
         options.threads = 1;
     if (options.brokers.empty() && options.listen.empty())
         options.brokers = {net::default_broker};
-    for (std::string& broker : options.brokers) {
-        if (broker == "auto")
-            return Error{ErrorCode::invalid_argument,
-                         "--broker auto: this version does not discover brokers; name one"};
-        const auto endpoint = net::endpoint_to_connect(broker, net::broker_port);
-        if (!endpoint)
-            return Error{endpoint.error().code, "--broker: " + endpoint.error().message};
-        broker = *endpoint;
-    }
+    auto brokers = discovery::broker_words(options.brokers);
+    if (!brokers)
+        return Error{brokers.error().code, "--broker: " + brokers.error().message};
+    options.brokers = *std::move(brokers);
     if (!options.allow.empty() && arguments.keys.file.empty())
         return Error{ErrorCode::invalid_argument,
                      "--allow is of no use without a key of this worker's own: --key-file FILE"};

@@ -32,7 +32,8 @@ struct Load {
 };
 
 struct WorkerOptions {
-    /// Endpoints as sockets take them; every one is served, and so are those that stand for them.
+    /// Endpoints as sockets take them and sources (common/discovery); every one is served, and so
+    /// are those that stand for them.
     std::vector<std::string> brokers;
     /// In place of brokers: where to wait for them to call, tcp://HOST:PORT. Emulated workers have
     /// a port each: from that one on, or, if it is 0, what the system chooses.

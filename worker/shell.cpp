@@ -1,6 +1,8 @@
 #include "worker/shell.hpp"
 
 #include "common/base/text.hpp"
+#include "common/discovery/finder.hpp"
+#include "common/discovery/source.hpp"
 #include "common/net/clock.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
@@ -15,6 +17,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
+#include <iterator>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -26,10 +31,26 @@ namespace fraja::worker {
 namespace {
 
 constexpr Duration turn_interval = std::chrono::seconds(1); ///< of telling that the loop turns
+/// Between two tries of brokers that were found and were of no use.
+constexpr Duration findings_interval = std::chrono::seconds(30);
+
+/// Of the brokers that it is told to serve.
+std::vector<std::string> endpoints_of(const WorkerOptions& options) {
+    std::vector<std::string> endpoints;
+    std::ranges::copy_if(options.brokers, std::back_inserter(endpoints),
+                         std::not_fn(discovery::is_source));
+    return endpoints;
+}
+std::vector<std::string> sources_of(const WorkerOptions& options) {
+    std::vector<std::string> sources;
+    std::ranges::copy_if(options.brokers, std::back_inserter(sources), discovery::is_source);
+    return sources;
+}
 
 /// Of one crew.
 std::uint32_t sessions_max(const WorkerOptions& options) {
-    return crew_sessions_max(options.brokers.size(), !options.listen.empty());
+    return crew_sessions_max(endpoints_of(options).size(), !options.listen.empty(),
+                             !sources_of(options).empty());
 }
 
 std::uint64_t crew_count(const WorkerOptions& options) {
@@ -88,22 +109,24 @@ public:
             return reserved.error();
         if (!options_.listen.empty())
             return listen();
+        const std::vector<std::string> endpoints = endpoints_of(options_);
         for (std::uint64_t i = 0; i < crew_count(options_); ++i) {
-            Worker& worker = add_worker(options_.brokers);
-            for (std::size_t slot = 0; slot < options_.brokers.size(); ++slot) {
-                auto socket = connect_for(worker, options_.brokers[slot]);
+            Worker& worker = add_worker(endpoints);
+            for (std::size_t slot = 0; slot < endpoints.size(); ++slot) {
+                auto socket = connect_for(worker, endpoints[slot]);
                 if (!socket)
                     return socket.error();
-                add_wire(worker, slot, std::move(*socket), options_.brokers[slot]);
+                add_wire(worker, slot, std::move(*socket), endpoints[slot]);
             }
         }
+        begin_to_look();
         return {};
     }
 
     FinishReason run() {
         while (open_count_ > 0) {
-            const Instant deadline =
-                std::min({deadlines_.begin()->first, pool_->next_deadline(), tell_that_it_turns()});
+            const Instant deadline = std::min({deadlines_.begin()->first, pool_->next_deadline(),
+                                               tell_that_it_turns(), findings_due()});
             // More may be added to what there is to receive from while this goes on.
             const std::vector<std::size_t> readable = poller_.wait(deadline - net::now());
             for (const std::size_t index : readable)
@@ -111,12 +134,17 @@ public:
                             [&](Worker& worker) { receive_some(worker, index % sessions_max_); });
             obey();
             hand_out_results();
+            hand_out_findings();
             keep_time();
         }
         return reason_;
     }
 
 private:
+    [[nodiscard]] Instant findings_due() const {
+        return finder_ && was_wanted_ ? findings_due_ : Instant::never();
+    }
+
     /// Returns when to tell it again.
     Instant tell_that_it_turns() {
         if (!options_.on_turn)
@@ -126,6 +154,42 @@ private:
             options_.on_turn({!pool_->is_idle(), answers_});
         }
         return next_turn_told_;
+    }
+
+    // ------------------------------------------------------------------------ brokers that are
+    // found
+
+    void begin_to_look() {
+        const std::vector<std::string> sources = sources_of(options_);
+        if (sources.empty())
+            return;
+        finder_.emplace(sources, discovery::finder_options(context_.farm()));
+        poller_.add(finder_->fd());
+        if (!context_.farm() && std::ranges::count(sources, discovery::beacon_source) > 0)
+            log(std::string(discovery::beacon_source),
+                "without keys any broker that announces itself on this network is served: nothing "
+                "proves whose it is");
+    }
+
+    void hand_out_findings() {
+        if (!finder_)
+            return;
+        for (discovery::Findings& findings : finder_->take()) {
+            if (!findings.trouble.empty())
+                log(findings.source, findings.trouble);
+            for_each_worker(BrokersFound{findings.source, findings.endpoints});
+            findings_[findings.source] = std::move(findings.endpoints);
+        }
+        const bool wanted = std::ranges::any_of(
+            workers_, [](const auto& worker) { return worker && worker->crew.is_alone(); });
+        finder_->set_wanted(wanted);
+        was_wanted_ = wanted;
+        // Who was of no use may be of use by now, and is found as before.
+        if (const Instant now = net::now(); wanted && now >= findings_due_) {
+            findings_due_ = now + findings_interval;
+            for (const auto& [source, endpoints] : findings_)
+                for_each_worker(BrokersFound{source, endpoints});
+        }
     }
 
     Result<void> listen() {
@@ -164,8 +228,10 @@ private:
             identity.tags.emplace_back("emulated");
         }
         const SessionIndex first{static_cast<std::uint32_t>(number * sessions_max_)};
-        workers_.push_back(std::make_unique<Worker>(
-            CrewOptions{std::move(identity), std::move(endpoints), first, limits_}, number));
+        workers_.push_back(
+            std::make_unique<Worker>(CrewOptions{std::move(identity), std::move(endpoints),
+                                                 !sources_of(options_).empty(), first, limits_},
+                                     number));
         noted_.push_back(workers_.back()->crew.next_deadline());
         deadlines_.emplace(noted_.back(), number);
         ++open_count_;
@@ -422,8 +488,12 @@ private:
     std::size_t open_count_ = 0, wire_count_ = 0;
     std::vector<Instant> noted_; // of each worker its deadline, as it is among these:
     std::set<std::pair<Instant, std::size_t>> deadlines_;
-    std::vector<CrewAction> actions_; // of the step that goes on
-    std::set<std::size_t> touched_;   // likewise: slots whose wire has something to send
+    std::vector<CrewAction> actions_;         // of the step that goes on
+    std::set<std::size_t> touched_;           // likewise: slots whose wire has something to send
+    std::optional<discovery::Finder> finder_; // null: nobody is to be found
+    std::map<std::string, std::vector<std::string>> findings_; // by source, the last
+    bool was_wanted_ = false;
+    Instant findings_due_{};
     Instant next_turn_told_{};
     std::uint64_t answers_ = 0;
     bool draining_ = false, stopping_ = false;

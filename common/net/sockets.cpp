@@ -8,6 +8,7 @@
 #include "common/protocol/packing.hpp"
 
 #include <algorithm>
+#include <arpa/inet.h>
 #include <atomic>
 #include <cerrno>
 #include <chrono>
@@ -100,6 +101,21 @@ Error refused(const char* deed, const std::string& endpoint, const zmq::error_t&
             std::string("cannot ") + deed + " " + endpoint + ": " + e.what() + cure(e.num())};
 }
 
+// libzmq 4.3.4 looks names up in its I/O threads, and waits for the answer: seconds, where nobody
+// knows the name. Connections to names have a thread of their own, so that all others go on.
+constexpr int io_threads = 2;
+constexpr std::uint64_t thread_of_numbers = 1, thread_of_names = 2; // masks
+
+bool has_name(const std::string& endpoint) {
+    const auto parsed = parse_endpoint(endpoint, broker_port);
+    if (!parsed || parsed->transport != Endpoint::Transport::tcp)
+        return false;
+    const std::string host = without_brackets(parsed->host);
+    in6_addr address{};
+    return inet_pton(AF_INET, host.c_str(), &address) != 1 &&
+           inet_pton(AF_INET6, host.substr(0, host.find('%')).c_str(), &address) != 1;
+}
+
 void set_linger_of(zmq::socket_t& socket, Duration linger) {
     socket.set(zmq::sockopt::linger,
                milliseconds(std::chrono::ceil<std::chrono::milliseconds>(linger)));
@@ -124,11 +140,16 @@ struct Context::Impl {
 
 Context::Context(std::optional<Keys> keys) : impl_(std::make_unique<Impl>(std::move(keys))) {
     impl_->context.set(zmq::ctxopt::max_sockets, sockets_max);
+    impl_->context.set(zmq::ctxopt::io_threads, io_threads);
     impl_->context.set(zmq::ctxopt::blocky, false);
 }
 Context::~Context() = default;
 Context::Context(Context&&) noexcept = default;
 Context& Context::operator=(Context&&) noexcept = default;
+
+const PublicKey* Context::farm() const {
+    return impl_->keys ? &impl_->keys->broker : nullptr;
+}
 
 Result<void> Context::admit(AllowList list) const {
     FRAJA_ASSERT(impl_->keys);
@@ -177,10 +198,16 @@ struct SocketImpl {
 
 namespace {
 
+void connect_to(zmq::socket_t& socket, const std::string& endpoint) {
+    socket.set(zmq::sockopt::affinity, has_name(endpoint) ? thread_of_names : thread_of_numbers);
+    socket.connect(endpoint);
+}
+
 std::unique_ptr<SocketImpl> open(const Context& context, zmq::socket_type type) {
     auto impl = std::make_unique<SocketImpl>(
         SocketImpl{zmq::socket_t(context.impl().context, type)}); // Clang 14 wants the braces
     set_common_options(impl->socket);
+    impl->socket.set(zmq::sockopt::affinity, thread_of_numbers);
     return impl;
 }
 
@@ -304,7 +331,7 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
         set_transport_beats(socket);
         set_options_to_connect(socket);
         set_client_keys(socket, *context_, endpoint);
-        socket.connect(endpoint);
+        connect_to(socket, endpoint);
         calls_ = true;
         return {};
     } catch (const zmq::error_t& e) {
@@ -411,7 +438,7 @@ Result<DealerSocket> DealerSocket::connect(const Context& context, const std::st
             dealer.impl_->handshakes.emplace(context.impl().context, dealer.impl_->socket,
                                              context.impl().keys.has_value());
         dealer.impl_->endpoint = endpoint;
-        dealer.impl_->socket.connect(endpoint);
+        connect_to(dealer.impl_->socket, endpoint);
         return dealer;
     } catch (const zmq::error_t& e) {
         return refused("connect to", endpoint, e);
@@ -437,7 +464,7 @@ void connect_anew(SocketImpl& dealer) {
         if (e.num() != ENOENT)
             throw;
     }
-    dealer.socket.connect(dealer.endpoint);
+    connect_to(dealer.socket, dealer.endpoint);
 }
 
 void look_for_refusal(SocketImpl& dealer) {
@@ -589,7 +616,7 @@ Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,
         subscriber.impl_->socket.set(zmq::sockopt::rcvhwm, stream_queue_max);
         set_options_to_connect(subscriber.impl_->socket);
         set_client_keys(subscriber.impl_->socket, context, endpoint);
-        subscriber.impl_->socket.connect(endpoint);
+        connect_to(subscriber.impl_->socket, endpoint);
         return subscriber;
     } catch (const zmq::error_t& e) {
         return refused("subscribe at", endpoint, e);

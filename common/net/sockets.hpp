@@ -41,6 +41,9 @@ public:
     Context(Context&&) noexcept;
     Context& operator=(Context&&) noexcept;
 
+    /// Of whom we connect to. Null: there are no keys.
+    [[nodiscard]] const PublicKey* farm() const;
+
     /// From now on whoever connects to a socket that is bound (but for inproc) shows a key of the
     /// list, or the own one, which other brokers of the farm have. Called again it replaces the
     /// list: what RouterSocket says of senders follows at once, connections that stand are not

@@ -446,6 +446,8 @@ private:
         connected_at_ = now_ + delay(faults_.delay_max);
     }
     void perform(const Speak&) { FRAJA_ASSERT(false); } // all here are of one version
+    void perform(const Look&) { FRAJA_ASSERT(false); }  // its brokers are given
+    void perform(const StopLooking&) {}
     void perform(const OpenStream&) {
         topics_.clear();
         stream_.clear();

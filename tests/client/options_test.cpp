@@ -41,6 +41,13 @@ SubmitOptions submit(const std::string& line) {
     return std::get<SubmitOptions>(parsed);
 }
 
+std::string many_sources(int count) {
+    std::string all = "auto";
+    for (int i = 1; i < count; ++i)
+        all += ",srv:farm" + std::to_string(i);
+    return all;
+}
+
 } // namespace
 
 TEST_CASE("fraja-submit's defaults are Raja's") {
@@ -209,7 +216,8 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
                            Row{"a.raj --overwrite --skip-existing", "--overwrite"},
                            Row{"a.raj --timeout 5x", "--timeout 5x"},
                            Row{"a.raj -p 3000000000", "-p"},
-                           Row{"a.raj -b auto", "-b auto"},
+                           Row{"a.raj -b srv:", "-b: srv:: srv: and a domain name"},
+                           Row{"a.raj -b " + many_sources(9), "-b: of auto and srv: at most 8"},
                            Row{"a.raj -b tcp://h:0", "-b: endpoint 'tcp://h:0': a port"},
                            Row{"a.raj -b pgm://h:1", "-b: endpoint 'pgm://h:1': the transport"},
                            Row{"a.raj --connect-timeout soon", "--connect-timeout soon"},
@@ -256,6 +264,12 @@ TEST_CASE("a film is not detached from, with or without names for its frames") {
         submit("a.raj --travel t.raj -o f%04d.png --skip-existing --resume");
     CHECK(again.skip_existing);
     CHECK(again.resume);
+}
+
+TEST_CASE("brokers may be given as those that are to be found, each once") {
+    CHECK(submit("a.raj -b auto,srv:example.org -b h:1,auto,tcp://h:1").shared.brokers ==
+          std::vector<std::string>{"auto", "srv:_fraja._tcp.example.org", "tcp://h:1"});
+    CHECK(submit("a.raj -b " + many_sources(8)).shared.brokers.size() == 8);
 }
 
 TEST_CASE("an option goes before the environment, that before the default") {

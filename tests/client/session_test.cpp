@@ -42,6 +42,16 @@ struct Driver {
     }
 };
 
+template <class A>
+int count_of(const std::vector<Action>& actions) {
+    int count = 0;
+    for (const Action& action : actions)
+        count += std::holds_alternative<A>(action) ? 1 : 0;
+    return count;
+}
+
+const std::string nobody = "none announces itself on this network (fraja-broker --announce)";
+
 Event welcome(std::uint64_t epoch = 1) {
     return FromBroker{protocol::Welcome{BrokerId{{1}}, epoch, 1s, 3, "tcp://h:1", "test"}};
 }
@@ -228,4 +238,156 @@ TEST_CASE("a broker of the version before is greeted in that, and so again each 
     CHECK(speaks(d) == Versions{older});
     CHECK(d.step(refused) == Session::Change::heeded);
     CHECK(d.session.is_open());
+}
+
+TEST_CASE("a source is looked at in its turn, and who is found there is asked next") {
+    Driver d({"auto", "a"});
+    CHECK(count_of<Look>(d.actions) == 1);
+    CHECK_FALSE(d.connected_to());
+    CHECK(d.sent<protocol::ClientHello>() == 0);
+    (void)d.step(NotSent{}); // nothing was to be sent
+    CHECK(d.session.next_deadline() > d.now + 1s);
+    CHECK(d.step(BrokersFound{"auto", {"b", "c"}, ""}) == Session::Change::none);
+    CHECK(d.connected_to() == "b");
+    CHECK(d.sent<protocol::ClientHello>() == 1);
+    (void)d.tick_at_deadline(); // another hello
+    while (!d.connected_to())
+        (void)d.tick_at_deadline();
+    CHECK(d.connected_to() == "c");
+    CHECK(d.step(welcome()) == Session::Change::opened);
+    CHECK(count_of<StopLooking>(d.actions) == 1);
+    // When it is lost the others have their turn, and then the source.
+    (void)d.step(NotSent{});
+    CHECK(d.connected_to() == "a");
+    do
+        (void)d.tick_at_deadline();
+    while (count_of<Look>(d.actions) == 0);
+    CHECK_FALSE(d.connected_to());
+    // What was known is told again; it need not be the same.
+    (void)d.step(BrokersFound{"auto", {"d"}, ""});
+    CHECK(d.connected_to() == "d");
+    (void)d.step(TurnedAway{"no"});
+    CHECK(d.connected_to() == "a"); // b and c are not found any more
+}
+
+TEST_CASE("a source alone is waited at, and what it lacks is said in the end") {
+    struct Row {
+        std::string source, trouble, want;
+    };
+    for (const Row& row : {
+             Row{"auto", "", "no broker was found by auto: " + nobody},
+             Row{"auto", "only brokers with keys announce themselves here",
+                 "no broker was found by auto: only brokers with keys announce themselves here"},
+             Row{"srv:x", "the DNS knows no such name",
+                 "no broker was found by srv:x: the DNS knows no such name"},
+         }) {
+        CAPTURE(row.want);
+        Driver d({row.source});
+        (void)d.step(BrokersFound{row.source, {}, row.trouble});
+        CHECK(d.actions.empty());
+        CHECK(d.session.next_deadline() == Instant{} + 10s);
+        CHECK(d.tick_at_deadline() == Session::Change::gave_up);
+        CHECK(d.session.failure() == Outcome{ExitCode::unreachable, row.want});
+    }
+    Driver patient({"auto"});
+    patient.session.set_patient(true);
+    CHECK(patient.session.next_deadline() > Instant{} + 24h);
+    (void)patient.step(BrokersFound{"auto", {"a"}, ""});
+    CHECK(patient.connected_to() == "a");
+}
+
+TEST_CASE("a source that knows nobody gives way to those beside it") {
+    Driver d({"srv:x", "a"});
+    (void)d.step(BrokersFound{"srv:x", {}, "the DNS knows no such name"});
+    CHECK(d.connected_to() == "a");
+    // One that says nothing has its time.
+    Driver silent({"auto", "a"});
+    (void)silent.tick_at_deadline();
+    CHECK(silent.now == Instant{} + 5s);
+    CHECK(silent.connected_to() == "a");
+}
+
+TEST_CASE("who is found and says no does not end the search, nor hurries it") {
+    Driver d({"auto"});
+    for (int round = 0; round < 5; ++round) {
+        CAPTURE(round);
+        (void)d.step(BrokersFound{"auto", {"impostor"}, ""});
+        CHECK(d.connected_to() == "impostor");
+        const Event no =
+            round % 2 == 0
+                ? Event(TurnedAway{"its key is another"})
+                : Event(Undecodable{{ErrorCode::version_mismatch, "it speaks version 1"}});
+        CHECK(d.step(no) == Session::Change::none);
+        CHECK(count_of<Look>(d.actions) == 0); // it was looked at just now
+        CHECK(d.tick_at_deadline() == Session::Change::none);
+        CHECK(count_of<Look>(d.actions) == 1);
+        CHECK(d.now == Instant{} + std::chrono::seconds(round + 1));
+    }
+    (void)d.step(BrokersFound{"auto", {"impostor", "own"}, ""});
+    (void)d.step(TurnedAway{"its key is another"});
+    CHECK(d.connected_to() == "own");
+    CHECK(d.step(welcome()) == Session::Change::opened);
+
+    // If nobody else comes, what they said is why.
+    Driver alone({"auto"});
+    (void)alone.step(BrokersFound{"auto", {"a"}, ""});
+    (void)alone.step(TurnedAway{"your key is unknown"});
+    Session::Change change = Session::Change::none;
+    while (change == Session::Change::none)
+        change = alone.tick_at_deadline();
+    CHECK(change == Session::Change::refused);
+    CHECK(alone.now == Instant{} + 10s);
+    CHECK(alone.session.failure() == Outcome{ExitCode::refused, "a: your key is unknown"});
+}
+
+TEST_CASE("a broker is unproven that is known by announcements alone, where there are no keys") {
+    const auto is_unproven = [](std::vector<std::string> brokers, const std::string& source,
+                                bool has_keys) {
+        Session session({std::move(brokers), 10s, "test", has_keys});
+        std::vector<Action> actions;
+        session.start({}, actions);
+        (void)session.step({}, BrokersFound{source, {"b"}, ""}, actions);
+        actions.clear();
+        (void)session.step({}, welcome(), actions);
+        for (const Action& action : actions)
+            if (const auto* news = std::get_if<News>(&action))
+                if (const auto* connection = std::get_if<ConnectionChanged>(news))
+                    return connection->is_unproven;
+        FAIL("not connected");
+        return false;
+    };
+    CHECK(is_unproven({"auto"}, "auto", false));
+    CHECK_FALSE(is_unproven({"auto"}, "auto", true));
+    CHECK_FALSE(is_unproven({"auto", "b"}, "auto", false)); // it was given
+    CHECK_FALSE(is_unproven({"srv:x", "auto"}, "srv:x", false));
+}
+
+TEST_CASE("of a source no more are asked than a sound one has") {
+    Driver d({"auto"});
+    std::vector<std::string> many;
+    for (int i = 0; i < 1000; ++i)
+        many.push_back("h" + std::to_string(i));
+    (void)d.step(BrokersFound{"auto", many, ""});
+    std::set<std::string> tried;
+    d.session.set_patient(true);
+    for (int i = 0; i < 200; ++i) {
+        if (const auto to = d.connected_to())
+            tried.insert(*to);
+        (void)d.step(TurnedAway{"no"});
+        while (!d.connected_to())
+            if ((void)d.tick_at_deadline(); count_of<Look>(d.actions) > 0)
+                (void)d.step(BrokersFound{"auto", many, ""});
+    }
+    CHECK(tried.size() == 64);
+}
+
+TEST_CASE("a broker tells of others, but not where to look for them") {
+    Driver d({"a"});
+    protocol::Welcome told{BrokerId{{1}}, 1, 1s, 3, "tcp://h:1", "test"};
+    told.brokers = {{BrokerId{{2}}, "auto"}, {BrokerId{{3}}, "srv:evil"}, {BrokerId{{4}}, "b"}};
+    (void)d.step(FromBroker{told});
+    (void)d.step(NotSent{});
+    CHECK(d.connected_to() == "b");
+    (void)d.step(TurnedAway{"no"});
+    CHECK(d.connected_to() == "a");
 }

@@ -248,6 +248,8 @@ private:
 
     void check(const client::Connect& connect) { FRAJA_ASSERT(!connect.broker.empty()); }
     void check(const client::Speak& speak) { spoken_ = speak.version; }
+    void check(const client::Look&) { FRAJA_ASSERT(false); } // it was given no source
+    void check(const client::StopLooking&) { FRAJA_ASSERT(false); }
     void check(const client::OpenStream&) { topics_.clear(); }
     void check(const client::Subscribe& subscribe) { topics_.insert(subscribe.topic); }
     void check(const client::Unsubscribe& unsubscribe) { topics_.erase(unsubscribe.topic); }

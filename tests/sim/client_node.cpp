@@ -109,6 +109,13 @@ bool CoreRunner::perform(client::Speak&&) {
     farm_.violation("a client speaks another version, of which nobody is");
     return true;
 }
+bool CoreRunner::perform(client::Look&& look) {
+    farm_.violation("a client looks for brokers by " + look.source);
+    return true;
+}
+bool CoreRunner::perform(client::StopLooking&&) {
+    return true;
+}
 bool CoreRunner::perform(client::OpenStream&&) {
     way_->site.stream.open(way_->subscriber);
     return true;

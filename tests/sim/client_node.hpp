@@ -38,6 +38,8 @@ private:
     /// False: it could not be sent.
     bool perform(client::Connect&& connect);
     bool perform(client::Speak&&);
+    bool perform(client::Look&& look);
+    bool perform(client::StopLooking&&);
     bool perform(client::OpenStream&&);
     bool perform(client::Subscribe&& subscribe);
     bool perform(client::Unsubscribe&& unsubscribe);

@@ -114,6 +114,11 @@ std::string switch_script(std::size_t host_count) {
     return script;
 }
 
+/// Links come up by and by: what is sent before that is lost.
+std::string until(const std::string& condition) {
+    return "until " + condition + "; do sleep 0.01; done\n";
+}
+
 /// Addresses are set by hand: those that the kernel makes are of no use for a second, as it looks
 /// whether somebody else has them.
 std::string host_script(std::size_t host) {
@@ -123,7 +128,7 @@ std::string host_script(std::size_t host) {
            TestNetwork::address(host) + "/24 broadcast + dev eth0\n" + //
            "ip address add " + TestNetwork::address6(host) + "/64 dev eth0 nodad\n" +
            "ip address add " + link_address6(host) + "/64 dev eth0 nodad\n" +
-           "ip link set eth0 up\n";
+           "ip link set eth0 up\n" + until("ip link show eth0 | grep -q LOWER_UP");
 }
 
 } // namespace
@@ -160,6 +165,10 @@ Result<TestNetwork> TestNetwork::make(std::size_t host_count) {
             !done)
             return done.error();
         if (auto done = run_in(state->hosts[i], host_script(i)); !done)
+            return done.error();
+        if (auto done = run_in(state->middle, until("ip -details link show " + port_of(i) +
+                                                    " | grep -q 'state forwarding'"));
+            !done)
             return done.error();
     }
     return TestNetwork(std::move(state));

@@ -49,11 +49,12 @@ inline SessionIndex session(std::uint32_t number) {
 
 class CrewDriver {
 public:
-    /// Of a worker that was told to serve the brokers 1, 2 ...
+    /// Of a worker that was told to serve the brokers 1, 2 ...; of none: those that are found.
     explicit CrewDriver(std::uint8_t given_count = 1, Identity identity = test_identity(),
                         const Limits& limits = {})
         : crew({.identity = std::move(identity),
                 .endpoints = given(given_count),
+                .is_looking = given_count == 0,
                 .first = {},
                 .limits = limits}) {}
 

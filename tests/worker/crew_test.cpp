@@ -84,7 +84,7 @@ TEST_CASE("of a list no more is taken than a sound broker tells") {
     for (std::uint8_t number = 100; number < 100 + brokers_max; ++number)
         others.push_back({broker_id(number), endpoint_of(number)});
     CHECK(opened(driver.receive(0, Brokers{{}, others})).size() == 1);
-    CHECK(driver.crew.sessions().size() <= crew_sessions_max(1, false));
+    CHECK(driver.crew.sessions().size() <= crew_sessions_max(1, false, false));
     // Those that are not told of any more make room.
     CHECK(opened(driver.receive(0, Brokers{{}, others})).size() == brokers_max - 1);
 }
@@ -154,7 +154,7 @@ TEST_CASE("a worker that is called serves its callers alone") {
     (void)driver.step(CrewTick{});
     CHECK(opened(driver.receive(0, welcome_of(1, members({1, 2})))).empty());
     CHECK(sent<WorkerHello>(driver.step(0, CallerGone{}), 0).size() == 1);
-    CHECK(crew_sessions_max(1, true) == 1);
+    CHECK(crew_sessions_max(1, true, false) == 1);
 }
 
 TEST_CASE("two endpoints of one broker are served by one session") {
@@ -656,4 +656,118 @@ TEST_CASE("the sessions of a worker never use a ticket twice") {
     for (std::uint32_t tile = 0; tile < 4; ++tile)
         tickets.insert(driver.give(tile % 2, tile));
     CHECK(tickets.size() == 4);
+}
+
+// ------------------------------------------------------------------------------ brokers that are
+// found
+
+TEST_CASE("a worker serves the brokers that are found, and looks on when it has none") {
+    CrewDriver driver(0);
+    CHECK(driver.crew.is_alone());
+    CHECK(driver.crew.next_deadline() == Instant::never());
+    CHECK_FALSE(driver.crew.finished());
+    const auto actions =
+        driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2), endpoint_of(1)}});
+    CHECK(opened(actions) == std::vector{endpoint_of(1), endpoint_of(2)});
+    CHECK(sent<WorkerHello>(actions, 0).size() == 1);
+    CHECK(sent<WorkerHello>(actions, 1).size() == 1);
+    CHECK(of_type<Log>(actions, 1).at(0).text == "found by auto");
+    CHECK(driver.crew.is_alone()); // nobody has answered yet
+    (void)driver.receive(0, welcome_of(1));
+    CHECK_FALSE(driver.crew.is_alone());
+    // Known ones are not opened again; another source may have others.
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})).empty());
+    CHECK(opened(driver.step(BrokersFound{"srv:x", {endpoint_of(2), endpoint_of(3)}})) ==
+          std::vector{endpoint_of(3)});
+}
+
+TEST_CASE("a broker that is not found any more is let go of when it is not there") {
+    CrewDriver driver(0);
+    (void)driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}});
+    (void)driver.receive(0, welcome_of(1));
+    auto actions = driver.step(BrokersFound{"auto", {}});
+    CHECK(of_type<Close>(actions, 1).size() == 1); // it has never answered
+    CHECK(count_closed(actions) == 1); // the other one may have stopped to announce itself
+    actions.clear();
+    while (!driver.crew.is_alone()) // until it is silent for too long
+        actions = driver.pass(1s);
+    CHECK(of_type<Close>(actions, 0).size() == 1);
+    CHECK(driver.crew.sessions().empty());
+    CHECK_FALSE(driver.crew.finished());
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(3)}})) ==
+          std::vector{endpoint_of(3)});
+}
+
+TEST_CASE(
+    "of two endpoints that lead to one broker one is served, and the other tried when alone") {
+    CrewDriver driver(0);
+    (void)driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}});
+    (void)driver.receive(0, welcome_of(1));
+    const auto actions = driver.receive(1, welcome_of(1));
+    CHECK(of_type<Close>(actions, 1).size() == 1);
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})).empty());
+    CHECK(driver.crew.is_alone()); // the other one is greeted anew, in vain
+    (void)driver.pass(20s);
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})) ==
+          std::vector{endpoint_of(2)});
+}
+
+TEST_CASE("a broker that is found tells of others, as any does") {
+    CrewDriver driver(0);
+    (void)driver.step(BrokersFound{"auto", {endpoint_of(1)}});
+    CHECK(opened(driver.receive(0, welcome_of(1, members({1, 2})))) == std::vector{endpoint_of(2)});
+    // One that is announced as well is not served twice, and stays when it is told of no more.
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})).empty());
+}
+
+TEST_CASE("endless brokers that are found take no more sessions than a limit says") {
+    CrewDriver driver(0);
+    for (std::uint8_t round = 0; round < 5; ++round) {
+        BrokersFound found{"auto", {}};
+        for (std::uint8_t i = 0; i < 40; ++i)
+            found.endpoints.push_back(endpoint_of(static_cast<std::uint8_t>(40 * round + i)));
+        (void)driver.step(found);
+        CHECK(driver.crew.sessions().size() == brokers_found_max);
+    }
+}
+
+TEST_CASE("a worker that has found a broker of another version looks for others") {
+    CrewDriver driver(0);
+    (void)driver.step(BrokersFound{"auto", {endpoint_of(1)}});
+    const auto actions =
+        driver.receive(0, Refused{RefusalCode::version_mismatch, {}, "it is another one"});
+    CHECK(of_type<Close>(actions, 0).size() == 1);
+    CHECK_FALSE(driver.crew.finished());
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})) ==
+          std::vector{endpoint_of(2)});
+    (void)driver.pass(20s); // it may have been replaced
+    CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}})) ==
+          std::vector{endpoint_of(1)});
+}
+
+TEST_CASE("a worker that looks for brokers leaves when it is told to, by whomever") {
+    {
+        CrewDriver driver(0);
+        (void)driver.step(Drain{});
+        CHECK(driver.crew.finished() == FinishReason::drained);
+    }
+    {
+        CrewDriver driver(0);
+        (void)driver.step(StopNow{});
+        CHECK(driver.crew.finished() == FinishReason::stopped);
+    }
+    {
+        CrewDriver driver(0);
+        (void)driver.step(BrokersFound{"auto", {endpoint_of(1), endpoint_of(2)}}); // one is silent
+        (void)driver.step(Drain{});
+        CHECK(driver.crew.finished() == FinishReason::drained);
+        CHECK(opened(driver.step(BrokersFound{"auto", {endpoint_of(3)}})).empty());
+    }
+    {
+        CrewDriver driver(0);
+        (void)driver.step(BrokersFound{"auto", {endpoint_of(1)}});
+        (void)driver.receive(0, welcome_of(1));
+        (void)driver.receive(0, Dismissed{});
+        CHECK(driver.crew.finished() == FinishReason::dismissed);
+    }
 }

@@ -1,0 +1,10 @@
+# c-ares has no CMake package in Debian 12: found through pkg-config, offered as cares::cares.
+find_package(PkgConfig QUIET)
+if(PkgConfig_FOUND)
+    pkg_check_modules(cares QUIET IMPORTED_TARGET libcares)
+endif()
+include(FindPackageHandleStandardArgs)
+find_package_handle_standard_args(cares REQUIRED_VARS cares_LINK_LIBRARIES VERSION_VAR cares_VERSION)
+if(cares_FOUND AND NOT TARGET cares::cares)
+    add_library(cares::cares ALIAS PkgConfig::cares)
+endif()
