@@ -229,8 +229,8 @@ TEST_CASE("a film is drawn by workers that listen, and given up where none answe
     CHECK(nobody.exit == 3);
     INFO(nobody.err);
     CHECK(contains(nobody.err, "no worker takes tiles at tcp://127.0.0.1:1: "));
-    CHECK(contains(nobody.err, "of 3 frames 0 written, 0 not begun: the same command with "
-                               "--skip-existing goes on"));
+    CHECK(contains(nobody.err, "of 3 frames 0 written, ")); // others may have begun by then
+    CHECK(contains(nobody.err, " not begun: the same command with --skip-existing goes on"));
 }
 
 TEST_CASE("where no worker answers in time it exits with 3 and names them all") {
