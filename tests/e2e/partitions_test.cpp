@@ -13,6 +13,19 @@ namespace {
 constexpr std::size_t broker_count = 3;
 constexpr std::size_t host_one = 3, host_two = 4, host_client = 5, host_count = 6;
 
+/// So long that it is not done before those who are cut off are known to be gone.
+Words longer_picture() {
+    return {scene("overlapping_spheres"),
+            "--kernel",
+            "reference",
+            "-r",
+            instrumented ? "160x120" : "480x360",
+            "-a",
+            "2",
+            "--tile",
+            instrumented ? "8" : "16"};
+}
+
 /// Three brokers, two workers, and a client that has submitted a picture to the first broker.
 class Site {
 public:
@@ -22,7 +35,7 @@ public:
           two_(start_worker(brokers_, "two", {"--log-level", "debug"}, &network_, host_two)),
           client_(start_program(
               "fraja-submit",
-              with(long_picture(), {"-b", brokers_.endpoint(0), "-o", scratch_.file("farm.png")}),
+              with(longer_picture(), {"-b", brokers_.endpoint(0), "-o", scratch_.file("farm.png")}),
               &network_, host_client)) {
         brokers_.wait_for(0, "queued");
         for (Process* worker : {&one_, &two_})
@@ -57,7 +70,7 @@ public:
         for (std::size_t i = 0; i < broker_count; ++i)
             INFO(brokers_.at(i).story());
         CHECK(client_.wait_for_exit(patience) == 0);
-        CHECK((bytes_of(scratch_.file("farm.png")) == local_picture(scratch_, long_picture())));
+        CHECK((bytes_of(scratch_.file("farm.png")) == local_picture(scratch_, longer_picture())));
         for (std::size_t i = 0; i < broker_count; ++i)
             wait_until_done_at(i);
     }
