@@ -231,11 +231,10 @@ void Dispatcher::keep_company() {
         std::erase_if(colleague.repairs, [&](const auto& asked) {
             return now_ - asked.second > 2 * limits_.heartbeat;
         });
-        const bool is_same = membership_.peers().at(id).digest == own_digest;
-        if (is_same && std::exchange(colleague.same_as, own_digest) != own_digest)
-            note_copies_of_all(id);
-        if (is_same) {
+        if (membership_.peers().at(id).digest == own_digest) {
             colleague.is_compared = true;
+            if (std::exchange(colleague.same_as, own_digest) != own_digest)
+                note_copies_of_all(id);
         } else if (now_ >= colleague.compare_at) {
             colleague.compare_at = now_ + (colleague.is_compared ? limits_.compare_interval : beat);
             tell(id, CompareJobs{});

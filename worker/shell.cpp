@@ -156,8 +156,7 @@ private:
         return next_turn_told_;
     }
 
-    // ------------------------------------------------------------------------ brokers that are
-    // found
+    // ------------------------------------------------------------------- brokers that are found
 
     void begin_to_look() {
         const std::vector<std::string> sources = sources_of(options_);

@@ -4,7 +4,7 @@
 #include "common/discovery/beacon_sockets.hpp"
 #include "tests/e2e/ring.hpp"
 #include "tests/support/dns_server.hpp"
-#include "tests/support/network.hpp"
+#include "tests/support/network_or_skip.hpp"
 
 #include <atomic>
 #include <csignal>
@@ -23,14 +23,6 @@ using namespace fraja::e2e;
 namespace {
 
 using Stream = Process::Stream;
-
-std::optional<TestNetwork> machines(std::size_t count) {
-    auto network = TestNetwork::make(count);
-    if (network)
-        return *std::move(network);
-    MESSAGE(skipped_words << network.error().message);
-    return std::nullopt;
-}
 
 Process start_on(const TestNetwork& network, std::size_t host, Words words) {
     words.front() = program(words.front());
@@ -138,7 +130,7 @@ Words resolving(const std::string& resolv_conf, Words words) {
 } // namespace
 
 TEST_CASE("worker and client find a broker of another machine, by broadcast and by multicast") {
-    const auto network = machines(3);
+    const auto network = network_or_skip(3);
     if (!network)
         return;
     const Scratch scratch;
@@ -162,7 +154,7 @@ TEST_CASE("worker and client find a broker of another machine, by broadcast and 
 }
 
 TEST_CASE("the other programs find brokers, too") {
-    const auto network = machines(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     Broker broker(*network, 0, {"--insecure", "--announce=broadcast"});
@@ -180,7 +172,7 @@ TEST_CASE("the other programs find brokers, too") {
 }
 
 TEST_CASE("with keys nobody but the own farm's broker is used, whoever announces himself") {
-    const auto network = machines(3);
+    const auto network = network_or_skip(3);
     if (!network)
         return;
     const Ring ring;
@@ -228,7 +220,7 @@ TEST_CASE("with keys nobody but the own farm's broker is used, whoever announces
 }
 
 TEST_CASE("nothing is sent by who is not told to, and clients send nothing at all") {
-    const auto network = machines(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     const Ear ear(*network, 1);
@@ -254,7 +246,7 @@ TEST_CASE("nothing is sent by who is not told to, and clients send nothing at al
 }
 
 TEST_CASE("a worker looks for another broker when the one that it found is gone") {
-    const auto network = machines(3);
+    const auto network = network_or_skip(3);
     if (!network)
         return;
     Broker first(*network, 0, {"--insecure", "--announce=broadcast"});
@@ -273,7 +265,7 @@ TEST_CASE("a worker looks for another broker when the one that it found is gone"
 }
 
 TEST_CASE("a worker that has found nobody leaves when it is told to") {
-    const auto network = machines(1);
+    const auto network = network_or_skip(1);
     if (!network)
         return;
     for (const int signal : {SIGTERM, SIGINT}) {
@@ -285,7 +277,7 @@ TEST_CASE("a worker that has found nobody leaves when it is told to") {
 }
 
 TEST_CASE("brokers are those that the DNS names, and it is asked again when they are gone") {
-    const auto network = machines(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     std::unique_ptr<DnsServer> dns;

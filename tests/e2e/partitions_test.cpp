@@ -2,6 +2,7 @@
 // is whole again there is one job with one picture.
 #include "common/net/clock.hpp"
 #include "tests/e2e/brokers.hpp"
+#include "tests/support/network_or_skip.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -101,20 +102,10 @@ private:
     Process one_, two_, client_;
 };
 
-/// Nothing, where namespaces are not permitted: the test is skipped then.
-std::optional<TestNetwork> make_network() {
-    auto network = TestNetwork::make(host_count);
-    if (!network) {
-        MESSAGE(skipped_words << network.error().message);
-        return std::nullopt;
-    }
-    return std::move(*network);
-}
-
 } // namespace
 
 TEST_CASE("a leader that is cut off with a worker draws on, as do the others, and it is one job") {
-    auto network = make_network();
+    auto network = network_or_skip(host_count);
     if (!network)
         return;
     Site site(std::move(*network));
@@ -127,7 +118,7 @@ TEST_CASE("a leader that is cut off with a worker draws on, as do the others, an
 
 TEST_CASE(
     "a client that is cut off with the leader gets its picture, and the others have it later") {
-    auto network = make_network();
+    auto network = network_or_skip(host_count);
     if (!network)
         return;
     Site site(std::move(*network));
@@ -139,7 +130,7 @@ TEST_CASE(
 }
 
 TEST_CASE("a broker that hears the others, and is not heard, does no harm") {
-    auto network = make_network();
+    auto network = network_or_skip(host_count);
     if (!network)
         return;
     Site site(std::move(*network));

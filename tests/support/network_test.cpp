@@ -1,5 +1,7 @@
 #include "tests/support/network.hpp"
 
+#include "tests/support/network_or_skip.hpp"
+
 #include <arpa/inet.h>
 #include <array>
 #include <cstring>
@@ -84,18 +86,10 @@ private:
     int fd_ = -1, fd6_ = -1;
 };
 
-std::optional<TestNetwork> network_of(std::size_t hosts) {
-    auto network = TestNetwork::make(hosts);
-    if (network)
-        return *std::move(network);
-    MESSAGE(skipped_words << network.error().message);
-    return std::nullopt;
-}
-
 } // namespace
 
 TEST_CASE("hosts of a test network reach one another, by broadcast too, and nobody else") {
-    const auto network = network_of(3);
+    const auto network = network_or_skip(3);
     if (!network)
         return;
     const Datagrams first(*network, 0), second(*network, 1), third(*network, 2);
@@ -121,7 +115,7 @@ TEST_CASE("hosts of a test network reach one another, by broadcast too, and nobo
 }
 
 TEST_CASE("a program on a host is a process as any other") {
-    const auto network = network_of(1);
+    const auto network = network_or_skip(1);
     if (!network)
         return;
     auto process = Process::start(network->on(0, {{"/bin/sh", "-c", "echo $$; exec sleep 600"}}));
@@ -133,7 +127,7 @@ TEST_CASE("a program on a host is a process as any other") {
 }
 
 TEST_CASE("a test network that is divided passes frames within its groups alone") {
-    auto network = network_of(4);
+    auto network = network_or_skip(4);
     if (!network)
         return;
     const Datagrams a(*network, 0), b(*network, 1), c(*network, 2), d(*network, 3);
@@ -160,7 +154,7 @@ TEST_CASE("a test network that is divided passes frames within its groups alone"
 }
 
 TEST_CASE("a way through a test network that is cut is cut in one direction") {
-    auto network = network_of(3);
+    auto network = network_or_skip(3);
     if (!network)
         return;
     const Datagrams a(*network, 0), b(*network, 1), c(*network, 2);

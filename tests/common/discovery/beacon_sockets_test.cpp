@@ -1,7 +1,7 @@
 #include "common/discovery/announcer.hpp"
 #include "common/discovery/beacon_sockets.hpp"
 #include "common/discovery/finder.hpp"
-#include "tests/support/network.hpp"
+#include "tests/support/network_or_skip.hpp"
 
 #include <arpa/inet.h>
 #include <doctest/doctest.h>
@@ -20,14 +20,6 @@ using namespace fraja::discovery;
 namespace {
 
 constexpr int hearing_ms = 20'000; // passes at once, unless something is wrong
-
-std::optional<TestNetwork> network_of(std::size_t hosts) {
-    auto network = TestNetwork::make(hosts);
-    if (network)
-        return *std::move(network);
-    MESSAGE(skipped_words << network.error().message);
-    return std::nullopt;
-}
 
 std::unique_ptr<BeaconReceiver> receiver_on(const TestNetwork& network, std::size_t host) {
     std::unique_ptr<BeaconReceiver> receiver;
@@ -76,7 +68,7 @@ void send_to(const TestNetwork& network, std::size_t host, const std::string& ad
 } // namespace
 
 TEST_CASE("a beacon reaches all of a link by each of its ways, and no other link") {
-    auto network = network_of(3);
+    auto network = network_or_skip(3);
     if (!network)
         return;
     const auto near = receiver_on(*network, 1), far = receiver_on(*network, 2);
@@ -104,7 +96,7 @@ TEST_CASE("a beacon reaches all of a link by each of its ways, and no other link
 }
 
 TEST_CASE("what was sent to one machine alone is no beacon, nor is what is too long") {
-    const auto network = network_of(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     const auto receiver = receiver_on(*network, 1);
@@ -115,7 +107,7 @@ TEST_CASE("what was sent to one machine alone is no beacon, nor is what is too l
 }
 
 TEST_CASE("several programs of one machine hear the same beacon") {
-    const auto network = network_of(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     const auto first = receiver_on(*network, 1), second = receiver_on(*network, 1),
@@ -128,7 +120,7 @@ TEST_CASE("several programs of one machine hear the same beacon") {
 }
 
 TEST_CASE("a machine without a network sends nothing, and hears others when there is one") {
-    const auto network = network_of(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     const auto run_on = [&](std::size_t host, const char* script) {
@@ -154,7 +146,7 @@ TEST_CASE("a machine without a network sends nothing, and hears others when ther
 }
 
 TEST_CASE("a finder hears an announcer, until it is gone") {
-    const auto network = network_of(2);
+    const auto network = network_or_skip(2);
     if (!network)
         return;
     std::unique_ptr<Finder> finder;
