@@ -158,8 +158,14 @@ TEST_CASE("a film whose frames find no room on the disk begins no more, and says
     REQUIRE(drawn.has_value());
     INFO(drawn->err);
     CHECK(drawn->exit == 1);
-    CHECK(contains(drawn->err, "frame 2: " + scratch.file("2.png") + ": "));
-    CHECK(contains(drawn->err, "; no more frames are begun\n"));
+    // Which frame is drawn first is a matter of threads: one that was to be written, with its file.
+    const std::size_t told = drawn->err.find("error: frame ");
+    REQUIRE(told != std::string::npos);
+    const auto number = std::strtol(drawn->err.c_str() + told + 13, nullptr, 10);
+    const std::string frame = std::to_string(number);
+    CHECK((number == 2 || (number > 5 && number <= 72)));
+    CHECK(contains(drawn->err, "error: frame " + frame + ": " + scratch.file(frame + ".png") +
+                                   ": File too large; no more frames are begun\n"));
     CHECK(drawn->err.rfind("error: frame ") == drawn->err.find("error: frame ")); // once for all
     CHECK(contains(drawn->err, " of 68 frames could not be written, "));
     CHECK(contains(drawn->err, " not begun. Once they can, the same command with --skip-existing "
