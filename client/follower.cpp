@@ -341,7 +341,7 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     if (is_over(done.state.phase) != is_over(state_.phase)) // before the end, or a new beginning
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause; // or by one behind
     else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
-             (have_count_ >= done.state.done_count || ++odd_answers_ == odd_answers_max))
+             (has_as_many_as(done.state) || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more
     else if (!all_told || is_over(state_.phase))
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;
@@ -440,8 +440,20 @@ void Follower::look_whether_complete() {
     // What a broker had not stored when it died is here, and the next one does not have it: then
     // numbers tell nothing, and a repair must be answered.
     if (has_all_tiles(state_) ? have_count_ >= state_.cell_count
-                              : have_count_ >= state_.done_count && !has_of_earlier_epochs_)
+                              : has_as_many_as(state_) && !has_of_earlier_epochs_)
         complete_ = true;
+}
+
+/// Of several brokers another one may have had other cells of the later passes: whatever their
+/// number, the first pass of one that is done must be here.
+bool Follower::has_as_many_as(const protocol::JobState& state) const {
+    if (have_count_ < state.done_count)
+        return false;
+    if (state.phase != protocol::JobPhase::done)
+        return true;
+    return grid_.all_of(grid_.all(), [&](std::uint64_t cell) {
+        return have_.test(static_cast<std::size_t>(cell));
+    });
 }
 
 } // namespace fraja::client

@@ -80,6 +80,7 @@ private:
     void lower_barrier(std::vector<Action>& actions);
     void ask_if_due(Instant now, std::vector<Action>& actions);
     void look_whether_complete();
+    [[nodiscard]] bool has_as_many_as(const protocol::JobState& state) const;
 
     protocol::JobState state_;
     protocol::CellGrid grid_;

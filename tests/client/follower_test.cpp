@@ -1,6 +1,7 @@
 #include "client/follower.hpp"
 
 #include "client/watching.hpp"
+#include "common/protocol/passes.hpp"
 #include "tests/client/fake_farm.hpp"
 #include "tests/support/seeds.hpp"
 
@@ -259,6 +260,41 @@ TEST_CASE("tiles that a broker has lost with its restart do not make up for othe
     f.step(FromBroker{protocol::RepairDone{f.job, 0}});
     CHECK(f.follower.is_complete());
     CHECK(f.follower.have_count() == 2);
+}
+
+TEST_CASE("the first pass of a job whose time was up is here, whatever came of later ones") {
+    protocol::JobState job = job_of_four_tiles();
+    job.settings.time_limit = 5s;
+    job.cell_count = static_cast<std::uint32_t>(4 * protocol::pass_count(job.settings));
+    REQUIRE(job.cell_count > 8);
+    Follower follower(job, Rng(1));
+    std::vector<Action> actions;
+    const auto step = [&](const Event& event) {
+        actions.clear();
+        follower.step(Instant{}, event, actions);
+    };
+    const auto pixels_of = [&](std::uint32_t pass, std::uint32_t cell) {
+        protocol::TileDone tile = tile_of(job, cell);
+        tile.tile = TileIndex{4 * pass + cell};
+        tile.pass = pass;
+        tile.blobs = {Blob(Bytes(job.settings.pixel_bytes()))};
+        return tile;
+    };
+    follower.start(Instant{}, actions);
+    step(FromStream{protocol::Barrier{nonce_in(actions), 1}});
+    step(FromBroker{protocol::RepairDone{job, 0}});
+    for (const std::uint32_t cell : {0u, 1u, 2u})
+        step(FromStream{pixels_of(0, cell)});
+    for (const std::uint32_t cell : {1u, 2u}) // which of the brokers only another one had
+        step(FromStream{pixels_of(1, cell)});
+    REQUIRE(follower.have_count() == 5);
+    job.phase = protocol::JobPhase::done;
+    job.done_count = 5; // the whole first pass, and one more
+    step(FromStream{job});
+    CHECK_FALSE(follower.is_complete());
+    REQUIRE(repair_in(actions).has_value());
+    step(FromBroker{pixels_of(0, 3)});
+    CHECK(follower.is_complete());
 }
 
 TEST_CASE("an answer to what an earlier follower asked does not end this one") {
