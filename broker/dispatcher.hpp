@@ -114,6 +114,8 @@ private:
         std::map<GrantKey, Grant> grants;
         std::optional<std::uint64_t> load; ///< its key in free_workers_, while it is there
         std::uint64_t tiles_sent = 0, tiles_done = 0;
+        /// When it last traced a ray, ended a tile by itself, or fetched some of a scene.
+        Instant moved_at{};
         protocol::Rays rays;
         Speed speed;                  ///< of one thread
         double capacity = 0;          ///< as it counts in capacity_
@@ -457,6 +459,8 @@ private:
     void cancel_unwanted(const Job& job, const std::vector<Job::Unwanted>& unwanted);
     void note_overtaken(WorkerSession& worker, std::uint64_t number);
     void take_back_stuck_tiles();
+    [[nodiscard]] bool is_stuck(const WorkerSession& worker, bool has_begun,
+                                Instant progress_at) const;
     void stop_stuck_tiles_of_others(const PeerId& peer, const WorkerSession& worker);
     void end_jobs_whose_time_is_up();
 

@@ -349,6 +349,7 @@ void Dispatcher::begin_jobs_of(const ContentHash& scene) {
 }
 
 void Dispatcher::give_chunk(const PeerId& peer, WorkerSession& worker, const NeedChunk& need) {
+    worker.moved_at = now_;
     for (auto& [key, grant] : worker.grants)
         if (const Job* job = job_of(key.job); job && job->submission().scene == need.blob)
             grant.progress_at = now_; // it is not stuck, but fetches

@@ -248,7 +248,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         const auto grant = worker.grants.find(key);
         if (grant != worker.grants.end() && tile.rays > grant->second.rays) {
             grant->second.rays = tile.rays;
-            grant->second.progress_at = now_;
+            grant->second.progress_at = worker.moved_at = now_;
             last_moved = std::max(last_moved, grant->second.number);
         }
     }
@@ -323,6 +323,7 @@ void Dispatcher::recall(WorkerSession& worker) {
     worker.quarantined_until = found->second.session.quarantined_until;
     worker.distrusted = found->second.session.distrusted;
     WorkerSession& before = found->second.session;
+    worker.moved_at = before.moved_at;
     worker.had_in_hand = std::move(before.in_hand.empty() ? before.had_in_hand : before.in_hand);
     for (const auto& [id, tile] : found->second.blamed)
         if (Job* job = job_of(id))
@@ -365,6 +366,7 @@ void Dispatcher::note_own_absence(Duration since_last_step) {
                  ", and heard nobody"});
     for (auto& [peer, worker] : workers_) {
         worker.heard_at = worker.heard_at + since_last_step;
+        worker.moved_at = worker.moved_at + since_last_step;
         for (auto& [key, grant] : worker.grants)
             grant.progress_at = grant.progress_at + since_last_step;
     }

@@ -133,8 +133,10 @@ void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const W
     for (const TileInFlight& tile : beat.in_flight) {
         const GrantKey key{tile.job, tile.tile, tile.attempt};
         const InHand* before = last_of(worker, key);
-        const bool stands_still = before && tile.rays <= before->tile.rays;
-        now.emplace(key, InHand{tile, stands_still ? before->progress_at : now_});
+        const bool moves = before && tile.rays > before->tile.rays;
+        now.emplace(key, InHand{tile, before && !moves ? before->progress_at : now_});
+        if (moves)
+            worker.moved_at = now_;
     }
     worker.in_hand = std::move(now);
     worker.had_in_hand.clear();

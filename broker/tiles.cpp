@@ -85,6 +85,7 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                                const TileRendered& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
+    worker.moved_at = now_;
     Job* job = job_of(answer.job);
     if (!worker.distrusted.empty() || (job && job->distrusts(worker.drawer))) {
         ++counters_.answers_distrusted;
@@ -225,6 +226,8 @@ void Dispatcher::cancel_unwanted(const Job& job, const std::vector<Job::Unwanted
 void Dispatcher::tile_failed(const PeerId& peer, WorkerSession& worker, const TileFailed& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     const auto grant = end_grant(peer, worker, key);
+    if (answer.code != FailureCode::cancelled)
+        worker.moved_at = now_;
     if (!grant) {
         counters_.stale_answers += is_alone();
         return;
@@ -343,18 +346,17 @@ void Dispatcher::note_overtaken(WorkerSession& worker, std::uint64_t number) {
 
 /// A tile waits its turn behind others of its worker: the lease of one that may not have begun runs
 /// only while none of these moves. How many are drawn at once is not known of a branch.
+bool Dispatcher::is_stuck(const WorkerSession& worker, bool has_begun, Instant progress_at) const {
+    return now_ - (has_begun ? progress_at : std::max(progress_at, worker.moved_at)) >
+           limits_.lease;
+}
+
 void Dispatcher::take_back_stuck_tiles() {
     std::vector<std::pair<PeerId, GrantKey>> stuck;
-    for (const auto& [peer, worker] : workers_) {
-        Instant moved_at{};
+    for (const auto& [peer, worker] : workers_)
         for (const auto& [key, grant] : worker.grants)
-            moved_at = std::max(moved_at, grant.progress_at);
-        for (const auto& [key, grant] : worker.grants) {
-            if (!grant.cancelled &&
-                now_ - (grant.has_begun() ? grant.progress_at : moved_at) > limits_.lease)
+            if (!grant.cancelled && is_stuck(worker, grant.has_begun(), grant.progress_at))
                 stuck.emplace_back(peer, key);
-        }
-    }
     if (deals_out())
         for (const auto& [peer, worker] : workers_)
             stop_stuck_tiles_of_others(peer, worker);
@@ -373,12 +375,8 @@ void Dispatcher::take_back_stuck_tiles() {
 void Dispatcher::stop_stuck_tiles_of_others(const PeerId& peer, const WorkerSession& worker) {
     if (worker.of_others == 0)
         return;
-    Instant moved_at{};
     for (const auto& [key, held] : worker.in_hand)
-        moved_at = std::max(moved_at, held.progress_at);
-    for (const auto& [key, held] : worker.in_hand)
-        if (!worker.grants.contains(key) &&
-            now_ - (held.tile.rays > 0 ? held.progress_at : moved_at) > limits_.lease)
+        if (!worker.grants.contains(key) && is_stuck(worker, held.tile.rays > 0, held.progress_at))
             send(peer, CancelTile{key.job, key.tile, key.attempt});
 }
 

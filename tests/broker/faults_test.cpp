@@ -406,6 +406,26 @@ TEST_CASE("tiles that wait behind one that is stuck are given to others without 
     CHECK_FALSE(is_over(farm.state(first_of == job ? other : job).phase));
 }
 
+TEST_CASE("a tile that is stuck gains no time by others that are given to its worker") {
+    Farm farm;
+    farm.submit(1, 9);
+    farm.worker_arrives("w", 1, 1, 1);
+    auto tiles = farm.tiles("w");
+    REQUIRE(tiles.size() == 1);
+    std::vector<CancelTile> cancelled;
+    for (int seconds = 0; seconds < 70; ++seconds) {
+        farm.pass(1s);
+        farm.beat("w", 1 + static_cast<std::uint32_t>(seconds / 15), tiles);
+        for (const CancelTile& cancel : farm.all<CancelTile>("w"))
+            cancelled.push_back(cancel);
+        for (const RenderTile& more : farm.tiles("w"))
+            tiles.push_back(more);
+    }
+    CHECK(tiles.size() == 5);
+    REQUIRE(cancelled.size() == 1);
+    CHECK(cancelled[0].tile == tiles[0].tile);
+}
+
 TEST_CASE("a worker that still fetches its scene is not stuck") {
     Farm farm;
     farm.submit(1, 1);
