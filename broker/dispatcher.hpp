@@ -483,6 +483,9 @@ private:
     void heed_new_term();
     [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from) const;
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
+    [[nodiscard]] bool ends_as_told(const Job& job) const;
+    void trust_as_told(Job& job);
+    void tell_doubt(const Job& job, const protocol::Distrusted& who);
     void give_no_more(const protocol::Distrusted& who);
     void recall_distrust(WorkerSession& worker) const;
 

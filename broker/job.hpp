@@ -260,6 +260,8 @@ public:
     /// What that worker has drawn does not count any more, nor will it: it is pending again, unless
     /// the job is over. Not one that is distrusted already.
     [[nodiscard]] Voided distrust(const protocol::Distrusted& worker);
+    /// Its tiles count again, if they come again.
+    void trust(const WorkerId& worker);
     /// Nor do tiles whose check is open. What is in flight is dropped; all that is not done is
     /// pending.
     [[nodiscard]] Voided void_unchecked();

@@ -89,6 +89,10 @@ Job::Voided Job::distrust(const protocol::Distrusted& worker) {
     return voided;
 }
 
+void Job::trust(const WorkerId& worker) {
+    std::erase_if(distrusted_, [&](const auto& who) { return who.worker == worker; });
+}
+
 Job::Voided Job::void_unchecked() {
     const auto key = [](const Tile& tile) {
         const CellRect& c = tile.cells;

@@ -250,6 +250,8 @@ void Dispatcher::settle(Job& job) {
     const bool is_tried_again = is_over(job.phase) && !is_over(word.phase);
     if (job.phase == JobPhase::waiting_for_scene)
         return;
+    if (ends_as_told(job))
+        trust_as_told(job);
     if (word.phase == JobPhase::done && job.phase != JobPhase::done &&
         (job.done_count() < word.done_count || !job.first_pass_done() ||
          !is_checked_as_told(job))) { // its last tiles are still to come

@@ -76,6 +76,7 @@ Store::Store(StateLock lock, Database database, StoreOptions options)
       drop_tiles_(database_, "DELETE FROM tiles WHERE job = ?1"),
       put_distrusted_(database_, "INSERT INTO distrusted SELECT ?1, ?2, ?3, ?4 WHERE EXISTS "
                                  "(SELECT 1 FROM jobs WHERE job = ?1) ON CONFLICT DO NOTHING"),
+      put_trusted_(database_, "DELETE FROM distrusted WHERE job = ?1 AND worker = ?2"),
       drop_pixels_of_tile_(database_, "DELETE FROM pixels WHERE id IN (SELECT pixels FROM tiles "
                                       "WHERE job = ?1 AND tile = ?2 AND extent = ?3)"),
       drop_tile_(database_, "DELETE FROM tiles WHERE job = ?1 AND tile = ?2 AND extent = ?3"),
@@ -261,6 +262,10 @@ Result<void> Store::put(const PutDistrusted& put) {
                 !done)
                 return done;
     return {};
+}
+
+Result<void> Store::put(const PutTrusted& put) {
+    return put_trusted_.run(key_of(put.job), key_of(put.worker));
 }
 
 Result<void> Store::put(const PutPriority& put) {

@@ -77,6 +77,7 @@ private:
     [[nodiscard]] Result<void> put(const PutTile& tile);
     [[nodiscard]] Result<void> put(const PutPhase& phase);
     [[nodiscard]] Result<void> put(const PutDistrusted& distrusted);
+    [[nodiscard]] Result<void> put(const PutTrusted& trusted);
     [[nodiscard]] Result<void> put(const PutPriority& priority);
     [[nodiscard]] Result<void> put(const PutNumber& number);
     [[nodiscard]] Result<void> put(const PutTerm& term);
@@ -96,7 +97,7 @@ private:
     Statement find_blob_, put_blob_, put_piece_, drop_pieces_, drop_blobs_;
     Statement put_job_, raise_number_, set_term_, set_phase_, set_priority_, set_number_, drop_job_;
     Statement tile_is_new_, put_pixels_, put_tile_, drop_pixels_, drop_tiles_;
-    Statement put_distrusted_, drop_pixels_of_tile_, drop_tile_, drop_distrusted_;
+    Statement put_distrusted_, put_trusted_, drop_pixels_of_tile_, drop_tile_, drop_distrusted_;
     Statement put_tombstone_, drop_tombstone_, drop_old_tombstones_;
 };
 

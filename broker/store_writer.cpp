@@ -6,16 +6,6 @@
 #include <utility>
 
 namespace fraja::broker {
-namespace {
-
-/// Of these a peer is told, or others depend on them: they are on the disk before that.
-bool wants_sync(const Write& write) {
-    return std::holds_alternative<PutJob>(write) || std::holds_alternative<PutPhase>(write) ||
-           std::holds_alternative<PutDistrusted>(write) || std::holds_alternative<PutTerm>(write) ||
-           std::holds_alternative<ForgetJob>(write);
-}
-
-} // namespace
 
 StoreWriter::StoreWriter(Store store, const net::Waker& waker, WriterOptions options)
     : store_(std::move(store)), waker_(waker), options_(options), thread_([this] { run(); }) {}

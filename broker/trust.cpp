@@ -191,20 +191,23 @@ void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
     for (const auto& [id, job] : jobs_) {
         if (job.distrusts(who.worker) || (id != found_in && !job.has_tiles_of(who.worker)))
             continue;
-        const bool will_be_done = job.awaited && job.awaited->phase == JobPhase::done &&
-                                  job.leader_agrees; // with these tiles
-        if (!is_over(job.phase) && !will_be_done && !job.submission().settings.limited_in_time())
+        if (!is_over(job.phase) && !ends_as_told(job) &&
+            !job.submission().settings.limited_in_time())
             concerned.push_back(id);
         else
-            log({.level = LogLevel::warning,
-                 .kind = "tiles_in_doubt",
-                 .subject = to_string(id),
-                 .text = described(job) + " has tiles of worker " + who.worker_name +
-                         ", which has answered wrong pixels elsewhere: submit it again"});
+            tell_doubt(job, who);
     }
     for (const JobId& id : concerned)
         if (Job* job = job_of(id); job && !is_over(job->phase))
             void_tiles(*job, who);
+}
+
+void Dispatcher::tell_doubt(const Job& job, const Distrusted& who) {
+    log({.level = LogLevel::warning,
+         .kind = "tiles_in_doubt",
+         .subject = to_string(job.id()),
+         .text = described(job) + " has tiles of worker " + who.worker_name +
+                 ", which has answered wrong pixels elsewhere: submit it again"});
 }
 
 void Dispatcher::void_tiles(Job& job, const Distrusted& who) {
@@ -247,7 +250,7 @@ bool Dispatcher::take_distrusted(const JobId& id, const std::vector<Distrusted>&
     bool is_news = false;
     for (const Distrusted& who : theirs) {
         Job* job = job_of(id);
-        if (!job || is_over(job->phase) || job->distrusts(who.worker) ||
+        if (!job || is_over(job->phase) || ends_as_told(*job) || job->distrusts(who.worker) ||
             job->distrusted().size() >= distrusted_max)
             continue;
         is_news = true;
@@ -258,6 +261,20 @@ bool Dispatcher::take_distrusted(const JobId& id, const std::vector<Distrusted>&
         distrust({who}, id);
     }
     return is_news;
+}
+
+/// It is done elsewhere, and its picture told, with tiles of workers that were not known for what
+/// they are there: this broker has it as it is.
+void Dispatcher::trust_as_told(Job& job) {
+    for (const Distrusted& who : std::vector(job.distrusted())) {
+        if (std::ranges::find(job.awaited->distrusted, who.worker, &Distrusted::worker) !=
+            job.awaited->distrusted.end())
+            continue;
+        job.trust(who.worker);
+        tell_doubt(job, who);
+        if (job.is_kept)
+            persist(PutTrusted{job.id(), who.worker}, {.job = job.id()});
+    }
 }
 
 /// A job that is to be checked has of other brokers only what the one that leads has. What that one
@@ -290,6 +307,12 @@ bool Dispatcher::is_checked_as_told(const Job& job) const {
     if (!job.is_checked())
         return true;
     return membership_.leads() ? job.checks().empty() || !job.holds_scene : job.leader_agrees;
+}
+
+/// It ends here, too, with the tiles that the broker has that has told of its end.
+bool Dispatcher::ends_as_told(const Job& job) const {
+    return job.awaited && job.awaited->phase == JobPhase::done && job.phase != JobPhase::done &&
+           is_checked_as_told(job);
 }
 
 /// What is known of one that says hello: a broker that was started anew has it from its jobs.

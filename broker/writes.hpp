@@ -55,6 +55,11 @@ struct PutDistrusted {
     std::vector<Tile> tiles;
     protocol::Revision revision{};
 };
+/// That worker is named no more.
+struct PutTrusted {
+    JobId job;
+    WorkerId worker;
+};
 struct PutPriority {
     JobId job;
     std::int32_t priority = 0;
@@ -76,8 +81,15 @@ struct ForgetJob {
     bool may_come_back = false; ///< no tombstone stays: it was a copy of which not all had come
 };
 
-using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutDistrusted, PutPriority,
-                           PutNumber, PutTerm, ForgetJob>;
+using Write = std::variant<PutBlob, PutJob, PutTile, PutPhase, PutDistrusted, PutTrusted,
+                           PutPriority, PutNumber, PutTerm, ForgetJob>;
+
+/// Of these a peer is told, or others depend on them: they are on the disk before that.
+[[nodiscard]] inline bool wants_sync(const Write& write) {
+    return std::holds_alternative<PutJob>(write) || std::holds_alternative<PutPhase>(write) ||
+           std::holds_alternative<PutDistrusted>(write) || std::holds_alternative<PutTerm>(write) ||
+           std::holds_alternative<ForgetJob>(write);
+}
 
 /// What a write takes in memory, about.
 [[nodiscard]] std::uint64_t size_bytes(const Write& write);

@@ -361,6 +361,79 @@ TEST_CASE("a copy that is cancelled before it has its scene is kept: its tiles m
     CHECK(is_kept());
 }
 
+TEST_CASE("tiles of a worker that only another broker distrusts stay in what is done") {
+    for (const double verify : {0.0, 1.0}) {
+        CAPTURE(verify);
+        Fleet fleet(2);
+        fleet.pass(4s);
+        fleet.worker_arrives("w", 1, 1);
+        SubmitJob picture = Farm::picture(1, 4);
+        picture.wishes.verify = verify;
+        (void)fleet.submit(0, "c", picture);
+        fleet.pass(100ms);
+        CHECK(fleet.render_one("w"));
+        CHECK(fleet.render_one("w"));
+        fleet.pass(5s);
+        REQUIRE(fleet.state(1, picture.job)->done_count == 2);
+        fleet.cut(0, 1);
+        const JobRecord word{.submission = picture, // as a third one could have told it
+                             .revision = fleet.state(1, picture.job)->revision,
+                             .number = 1,
+                             .passes = 1,
+                             .phase = JobPhase::running,
+                             .reason = {},
+                             .checks = {},
+                             .distrusted = {{id_of<WorkerId>(1), "w", "it lies"}}};
+        fleet.say(1, "broker 0", word);
+        CHECK(fleet.state(1, picture.job)->done_count == 0);
+        CHECK(fleet.state(1, picture.job)->distrusted == word.distrusted);
+        fleet.render_all("w");
+        REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::done); // its client has the picture
+        fleet.pass(3s);
+        fleet.heal();
+        fleet.pass(9s);
+        for (std::size_t i = 0; i < 2; ++i) {
+            CAPTURE(i);
+            CHECK(fleet.state(i, picture.job)->phase == JobPhase::done);
+            CHECK(fleet.state(i, picture.job)->done_count == 4);
+            CHECK(fleet.state(i, picture.job)->distrusted.empty()); // or its clients would wait
+        }
+    }
+}
+
+TEST_CASE("a worker whose tiles are in what is done is trusted again in the store, too") {
+    Fleet fleet(2, {}, true);
+    fleet.pass(4s);
+    const SubmitJob picture = Farm::picture(1, 4);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(1s);
+    const WorkerId worker = id_of<WorkerId>(1);
+    JobRecord word{.submission = picture,
+                   .revision = {7, fleet.nodes[0].id},
+                   .number = 1,
+                   .passes = 1,
+                   .phase = JobPhase::running,
+                   .reason = {},
+                   .checks = {},
+                   .distrusted = {{worker, "w", "it lies"}}};
+    fleet.say(1, "broker 0", word);
+    REQUIRE(fleet.state(1, picture.job)->distrusted.size() == 1);
+    word.revision.counter = 8;
+    word.phase = JobPhase::done;
+    word.done_count = 4;
+    SUBCASE("its teller distrusts it") {}
+    SUBCASE("its teller does not") {
+        word.distrusted.clear();
+    }
+    fleet.say(1, "broker 0", word);
+    CHECK(fleet.state(1, picture.job)->distrusted == word.distrusted);
+    const auto trusts_it = [&](const Write& write) {
+        const auto* trusted = std::get_if<PutTrusted>(&write);
+        return trusted && trusted->worker == worker;
+    };
+    CHECK(std::ranges::any_of(fleet.nodes[1].kept, trusts_it) == word.distrusted.empty());
+}
+
 TEST_CASE("a job that comes to its end by itself follows what another broker has said of that") {
     for (const bool is_paused : {false, true}) {
         CAPTURE(is_paused);

@@ -164,6 +164,13 @@ TEST_CASE("the tiles of a worker that is distrusted go, and it stays named") {
     CHECK(kept.distrusted == std::vector{distrusted.worker});
     CHECK(kept.checks == protocol::CheckCounts{3, 1});
     CHECK(same_tile(tiles_of(store, id, {0}).at(0), *anew.tile));
+    commit(store, {PutTrusted{random_id<JobId>(), distrusted.worker.worker}, // of another job
+                   PutTrusted{id, random_id<WorkerId>()}});
+    CHECK(contents_of(store).jobs.at(0).distrusted.size() == 1);
+    commit(store, {PutTrusted{id, distrusted.worker.worker}, wrong});
+    CHECK(contents_of(store).jobs.at(0).distrusted.empty());
+    commit(store, {distrusted});
+    CHECK(contents_of(store).jobs.at(0).distrusted.size() == 1);
     commit(store, {ForgetJob{id}, job});
     CHECK(contents_of(store).jobs.at(0).distrusted.empty());
 }

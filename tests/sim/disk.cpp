@@ -11,15 +11,6 @@ using namespace std::chrono_literals;
 
 constexpr Duration retry_pause = 2s; // WriterOptions'
 
-/// As of StoreWriter.
-bool wants_sync(const broker::Write& write) {
-    return std::holds_alternative<broker::PutJob>(write) ||
-           std::holds_alternative<broker::PutPhase>(write) ||
-           std::holds_alternative<broker::PutDistrusted>(write) ||
-           std::holds_alternative<broker::PutTerm>(write) ||
-           std::holds_alternative<broker::ForgetJob>(write);
-}
-
 } // namespace
 
 Disk::Disk(Farm& farm)
@@ -72,7 +63,7 @@ void Disk::end_commit() {
 }
 
 void Disk::apply_batch() {
-    const bool syncs = std::ranges::any_of(batch_, wants_sync);
+    const bool syncs = std::ranges::any_of(batch_, broker::wants_sync);
     for (broker::Write& write : batch_) {
         written_.put(write, wall_now());
         unsynced_.push_back(std::move(write));

@@ -71,6 +71,12 @@ void Kept::put(const broker::PutDistrusted& put, Duration) {
         job->second.tiles.erase(TileKey{tile.tile, tile.size.width, tile.size.height});
 }
 
+void Kept::put(const broker::PutTrusted& put, Duration) {
+    if (const auto job = jobs_.find(put.job); job != jobs_.end())
+        std::erase_if(job->second.job.distrusted,
+                      [&](const auto& who) { return who.worker == put.worker; });
+}
+
 void Kept::put(const broker::PutPriority& put, Duration) {
     if (const auto job = jobs_.find(put.job); job != jobs_.end()) {
         job->second.job.submission.priority = put.priority;

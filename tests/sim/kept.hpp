@@ -51,6 +51,7 @@ private:
     void put(const broker::PutTile& tile, Duration now);
     void put(const broker::PutPhase& phase, Duration now);
     void put(const broker::PutDistrusted& distrusted, Duration now);
+    void put(const broker::PutTrusted& trusted, Duration now);
     void put(const broker::PutPriority& priority, Duration now);
     void put(const broker::PutNumber& number, Duration now);
     void put(const broker::PutTerm& term, Duration now);

@@ -109,6 +109,8 @@ void Referee::look_at(const broker::Action& action) {
         else if (voided)
             for (const auto& tile : voided->tiles)
                 drop(voided->job, tile);
+        if (const auto* trusted = std::get_if<broker::PutTrusted>(&persist->write))
+            watched(trusted->job).struck.erase(trusted->worker);
         if (const auto* gone = std::get_if<broker::ForgetJob>(&persist->write))
             jobs_.erase(gone->job); // it may come back from another broker
         const auto* put = std::get_if<broker::PutTile>(&persist->write);

@@ -187,6 +187,9 @@ std::string told(const PutDistrusted& write) {
     return "PutDistrusted" + field("job", job) + fields_of(worker) + field("tiles", tiles.size()) +
            field("revision", revision.counter);
 }
+std::string told(const PutTrusted& write) {
+    return "PutTrusted" + field("job", write.job) + field("worker", write.worker);
+}
 std::string told(const PutPriority& write) {
     const auto& [job, priority, revision] = write;
     return "PutPriority" + field("job", job) + field("priority", priority) +
