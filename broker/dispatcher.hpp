@@ -485,6 +485,7 @@ private:
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
     [[nodiscard]] bool ends_as_told(const Job& job) const;
     void trust_as_told(Job& job);
+    void note_done_at_leader(Job& job);
     void tell_doubt(const Job& job, const protocol::Distrusted& who);
     void give_no_more(const protocol::Distrusted& who);
     void recall_distrust(WorkerSession& worker) const;
@@ -533,7 +534,8 @@ private:
     [[nodiscard]] protocol::WorkerState brief_state(const WorkerSession& worker) const;
     [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
-    [[nodiscard]] protocol::TileDone as_sent_now(protocol::TileDone tile) const;
+    [[nodiscard]] std::uint64_t epoch_of(const Job& job) const;
+    [[nodiscard]] protocol::TileDone as_sent_now(const Job& job, protocol::TileDone tile) const;
     /// Of tiles that came until then.
     void repair(const PeerId& peer, const protocol::Repair& repair,
                 Instant until = Instant::never());

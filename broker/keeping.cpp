@@ -113,7 +113,7 @@ void Dispatcher::on(const StoreWorks&) {
 }
 
 JobState Dispatcher::state_of(const Job& job) const {
-    JobState state = job.state(term().counter, now_, begun(job));
+    JobState state = job.state(epoch_of(job), now_, begun(job));
     state.copies = static_cast<std::uint32_t>(job.copies.size());
     state.copies_wanted = copies_wanted();
     if (!store_trouble_.empty() && !is_over(job.phase))

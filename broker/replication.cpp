@@ -95,6 +95,9 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
         Job* job = job_of(their.job);
         if (job && !job->is_being_kept)
             note_copy(broker, *job);
+        if (job && broker == term().leader && job->phase == JobPhase::done &&
+            their.revision == job->revision && their.cells == job->done_hash())
+            note_done_at_leader(*job);
         if (job && job->awaited && broker == term().leader &&
             their.revision == job->awaited->revision && !job->leader_agrees) {
             job->leader_agrees = true;
@@ -286,8 +289,11 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
     if (job.number() != record.number)
         give_number(job, record.number);
     if (is_over(record.phase)) {
-        if (is_over(job.phase) && job.phase == record.phase)
+        if (is_over(job.phase) && job.phase == record.phase) {
+            if (job.leader_agrees)
+                note_done_at_leader(job);
             return;
+        }
         job.over_at.reset();
         job.set_check_counts(record.checks);
         end_job(job, record.phase, record.reason);
@@ -307,6 +313,11 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
     else if (job.phase == JobPhase::paused)
         (void)resume(job);
     publish_state(job);
+}
+
+void Dispatcher::note_done_at_leader(Job& job) {
+    if (std::exchange(job.done_in, term().counter) != term().counter && job.is_checked())
+        publish_state(job);
 }
 
 /// Or, where another job has it, one of its own until that is settled.

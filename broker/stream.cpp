@@ -129,9 +129,17 @@ void Dispatcher::publish_farm_state() {
     actions_->push_back(Publish{std::string(farm_topic), std::move(farm)});
 }
 
-/// What an earlier broker had not checked is dropped when a later term is heeded.
-TileDone Dispatcher::as_sent_now(TileDone tile) const {
-    tile.epoch = heeded_term_.counter;
+/// What an earlier broker had not checked is dropped when a later term is heeded. Whoever has tiles
+/// of a later leader, which may not have been checked yet, is not told that these make the picture
+/// whole: the end of a checked job belongs to its epoch until that leader has come to it as well.
+std::uint64_t Dispatcher::epoch_of(const Job& job) const {
+    const bool is_of_before =
+        job.is_checked() && job.phase == JobPhase::done && !membership_.leads();
+    return is_of_before ? job.done_in : term().counter;
+}
+
+TileDone Dispatcher::as_sent_now(const Job& job, TileDone tile) const {
+    tile.epoch = std::min(epoch_of(job), heeded_term_.counter);
     return tile;
 }
 
@@ -155,14 +163,15 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
         ++tiles;
         bytes += size;
         if (result.pixels)
-            send(peer, as_sent_now(*result.pixels));
+            send(peer, as_sent_now(*job, *result.pixels));
         else
             stored.push_back(job->index(result.tile));
         return true;
     });
     if (!stored.empty())
-        actions_->push_back(
-            SendStored{peer, job->id(), std::move(stored), heeded_term_.counter, version_of(peer)});
+        actions_->push_back(SendStored{peer, job->id(), std::move(stored),
+                                       std::min(epoch_of(*job), heeded_term_.counter),
+                                       version_of(peer)});
     send(peer, RepairDone{state_of(*job), left});
 }
 

@@ -84,8 +84,8 @@ std::optional<Dispatcher::Grant> Dispatcher::end_grant(const PeerId& peer, Worke
 void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                                const TileRendered& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
-    const auto grant = end_grant(peer, worker, key);
     worker.moved_at = now_;
+    const auto grant = end_grant(peer, worker, key);
     Job* job = job_of(answer.job);
     if (!worker.distrusted.empty() || (job && job->distrusts(worker.drawer))) {
         ++counters_.answers_distrusted;
@@ -210,7 +210,7 @@ void Dispatcher::take_result(Job& job, OpenTileId id, const Tile& tile, double w
     keep_newest_result(job);
     want_check(job, tile, *result);
     if (subscribed_jobs_.contains(job.id()))
-        actions_->push_back(Publish{job_topic(job.id()), as_sent_now(*result)});
+        actions_->push_back(Publish{job_topic(job.id()), as_sent_now(job, *result)});
     look_ready(job);
     if (job.awaited)
         settle(job);

@@ -191,14 +191,14 @@ void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
     for (const auto& [id, job] : jobs_) {
         if (job.distrusts(who.worker) || (id != found_in && !job.has_tiles_of(who.worker)))
             continue;
-        if (!is_over(job.phase) && !ends_as_told(job) &&
+        if (job.phase != JobPhase::done && !ends_as_told(job) && // another one may be tried again
             !job.submission().settings.limited_in_time())
             concerned.push_back(id);
         else
             tell_doubt(job, who);
     }
     for (const JobId& id : concerned)
-        if (Job* job = job_of(id); job && !is_over(job->phase))
+        if (Job* job = job_of(id); job && job->phase != JobPhase::done)
             void_tiles(*job, who);
 }
 
@@ -212,9 +212,10 @@ void Dispatcher::tell_doubt(const Job& job, const Distrusted& who) {
 
 void Dispatcher::void_tiles(Job& job, const Distrusted& who) {
     if (job.distrusted().size() >= distrusted_max)
-        return end_job(job, JobPhase::failed,
-                       "more than " + std::to_string(distrusted_max) +
-                           " workers have answered wrong pixels");
+        return is_over(job.phase) ? void()
+                                  : end_job(job, JobPhase::failed,
+                                            "more than " + std::to_string(distrusted_max) +
+                                                " workers have answered wrong pixels");
     const Distrusted named{who.worker, std::string(clipped(who.worker_name, name_bytes_max)),
                            std::string(clipped(who.reason, reason_bytes_max))};
     const Job::Voided voided = job.distrust(named);
@@ -250,8 +251,8 @@ bool Dispatcher::take_distrusted(const JobId& id, const std::vector<Distrusted>&
     bool is_news = false;
     for (const Distrusted& who : theirs) {
         Job* job = job_of(id);
-        if (!job || is_over(job->phase) || ends_as_told(*job) || job->distrusts(who.worker) ||
-            job->distrusted().size() >= distrusted_max)
+        if (!job || job->phase == JobPhase::done || ends_as_told(*job) ||
+            job->distrusts(who.worker) || job->distrusted().size() >= distrusted_max)
             continue;
         is_news = true;
         {
@@ -309,10 +310,12 @@ bool Dispatcher::is_checked_as_told(const Job& job) const {
     return membership_.leads() ? job.checks().empty() || !job.holds_scene : job.leader_agrees;
 }
 
-/// It ends here, too, with the tiles that the broker has that has told of its end.
+/// It ends here, too, with the tiles that the broker has that has told of its end. Whoever leads
+/// and has its scene comes to an end of its own.
 bool Dispatcher::ends_as_told(const Job& job) const {
-    return job.awaited && job.awaited->phase == JobPhase::done && job.phase != JobPhase::done &&
-           is_checked_as_told(job);
+    if (!job.awaited || job.awaited->phase != JobPhase::done || job.phase == JobPhase::done)
+        return false;
+    return membership_.leads() ? !job.holds_scene : is_checked_as_told(job);
 }
 
 /// What is known of one that says hello: a broker that was started anew has it from its jobs.

@@ -159,7 +159,7 @@ void Follower::take(Instant now, const protocol::TileDone& tile, std::vector<Act
     }
     if (!repair_pending_ && !barrier_pending_)
         repair_wanted_ = now + silence_max;
-    if (distrusts(tile.worker) || is_of_before(tile)) {
+    if (distrusts(tile.worker) || is_of_another_epoch(tile)) {
         ++counts_.distrusted;
         return;
     }
@@ -230,9 +230,10 @@ bool Follower::distrusts(const WorkerId& worker) const {
 }
 
 /// It was sent before the broker heard of the epoch that is known here, and came by another way
-/// than the word of that: by now it may have been dropped unchecked.
-bool Follower::is_of_before(const protocol::TileDone& tile) const {
-    return state_.verify > 0 && tile.epoch != 0 && tile.epoch < state_.epoch;
+/// than the word of that: by now it may have been dropped unchecked. Of a later one, it belongs to
+/// what is to be told of that.
+bool Follower::is_of_another_epoch(const protocol::TileDone& tile) const {
+    return state_.verify > 0 && tile.epoch != 0 && tile.epoch != state_.epoch;
 }
 
 /// What came of workers that are distrusted now is missing again.

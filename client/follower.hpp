@@ -74,7 +74,7 @@ private:
     void raise_barrier(Instant now, std::vector<Action>& actions);
     void note_who_drew(const std::vector<protocol::CellRect>& cells, const WorkerId& worker);
     [[nodiscard]] bool distrusts(const WorkerId& worker) const;
-    [[nodiscard]] bool is_of_before(const protocol::TileDone& tile) const;
+    [[nodiscard]] bool is_of_another_epoch(const protocol::TileDone& tile) const;
     void withdraw(Instant now, std::vector<Action>& actions);
     void withdraw_all(std::vector<Action>& actions);
     void lower_barrier(std::vector<Action>& actions);

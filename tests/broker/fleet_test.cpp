@@ -401,6 +401,80 @@ TEST_CASE("tiles of a worker that only another broker distrusts stay in what is 
     }
 }
 
+TEST_CASE("what was checked and is done belongs to its epoch until a later leader has it as well") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    SubmitJob picture = Farm::picture(1, 2);
+    picture.wishes.verify = 1;
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(1s);
+    fleet.cut(1, 0);
+    fleet.cut(1, 2);
+    fleet.pass(9s);
+    for (int i = 0; i < 9 && fleet.state(2, picture.job)->phase != JobPhase::done; ++i) {
+        fleet.render_all("w");
+        fleet.pass(1s);
+    }
+    REQUIRE(fleet.state(2, picture.job)->phase == JobPhase::done);
+    REQUIRE(fleet.state(1, picture.job)->phase != JobPhase::done);
+    const std::uint64_t before = fleet.state(2, picture.job)->epoch;
+    fleet.kill(0);
+    fleet.heal();
+    bool waited = false;
+    for (int i = 0; i < 400; ++i) {
+        fleet.pass(25ms);
+        const JobState leader = *fleet.state(1, picture.job), other = *fleet.state(2, picture.job);
+        REQUIRE(other.phase == JobPhase::done);
+        if (leader.phase != JobPhase::done) {
+            CHECK(other.epoch == before);
+            waited = waited || leader.epoch > before;
+        }
+    }
+    CHECK(waited);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
+    CHECK(fleet.state(2, picture.job)->epoch == fleet.state(1, picture.job)->epoch);
+}
+
+TEST_CASE("tiles of a worker that is distrusted go from a job that was cancelled as well") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    const SubmitJob picture = Farm::picture(1, 4);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    CHECK(fleet.render_one("w"));
+    CHECK(fleet.render_one("w"));
+    fleet.pass(1s);
+    fleet.say(0, "c", ControlJob{picture.job, JobDeed::cancel, 0});
+    fleet.pass(1s);
+    REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+    REQUIRE(fleet.state(1, picture.job)->done_count == 2);
+    fleet.say(1, "broker 0",
+              JobRecord{.submission = picture,
+                        .revision = fleet.state(1, picture.job)->revision,
+                        .number = 1,
+                        .passes = 1,
+                        .phase = JobPhase::cancelled,
+                        .reason = {},
+                        .checks = {},
+                        .distrusted = {{id_of<WorkerId>(1), "w", "it lies"}}});
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+    CHECK(fleet.state(1, picture.job)->done_count == 0);
+    fleet.pass(3s); // and the other one hears of it
+    CHECK(fleet.state(0, picture.job)->done_count == 0);
+    fleet.worker_arrives("v", 2, 1);
+    fleet.say(0, "c", ControlJob{picture.job, JobDeed::retry, 0});
+    fleet.pass(1s);
+    fleet.render_all("v");
+    fleet.pass(3s);
+    for (std::size_t i = 0; i < 2; ++i) {
+        CHECK(fleet.state(i, picture.job)->phase == JobPhase::done);
+        CHECK(fleet.state(i, picture.job)->done_count == 4);
+        CHECK(fleet.state(i, picture.job)->distrusted.size() == 1);
+    }
+}
+
 TEST_CASE("a worker whose tiles are in what is done is trusted again in the store, too") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);

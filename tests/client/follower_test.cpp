@@ -113,6 +113,10 @@ TEST_CASE("what was sent in an epoch before counts no more where the job is chec
         tile = tile_of(f.job, 1); // it is not known when
         f.step(FromBroker{tile});
         CHECK(f.follower.have_count() == 2);
+        tile = tile_of(f.job, 2);
+        tile.epoch = 3; // of which the job's state has not come
+        f.step(FromStream{tile});
+        CHECK(f.follower.have_count() == (verify > 0 ? 2 : 3));
     }
 }
 
