@@ -269,8 +269,12 @@ void Dispatcher::settle(Job& job) {
             return;
         job.holds_scene = true;
     }
-    if (is_tried_again && !blobs_.complete(job.submission().scene))
-        return fetch_scene(job.submission().scene, word.revision.broker);
+    if (const ContentHash& scene = job.submission().scene;
+        is_tried_again && !blobs_.complete(scene)) {
+        if (!fetches_.contains(scene)) // or others are asked in turn
+            fetch_scene(scene, word.revision.broker);
+        return;
+    }
     const JobRecord record = std::move(*job.awaited);
     job.awaited.reset();
     follow(job, record);

@@ -334,6 +334,32 @@ TEST_CASE("a tile says in which term it was sent, not in which it was drawn") {
     CHECK(repaired[0].epoch == epoch(1));
 }
 
+TEST_CASE("the scene of what is tried again comes from another broker when who said so is gone") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.cut(0, 1);
+    const SubmitJob picture = Farm::picture(1, 4);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(9s);
+    JobRecord word{.submission = picture,
+                   .revision = {1, fleet.nodes[0].id},
+                   .number = 1,
+                   .passes = 1,
+                   .phase = JobPhase::cancelled,
+                   .reason = {},
+                   .checks = {},
+                   .distrusted = {}};
+    fleet.say(1, "broker 0", word);
+    REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+    word.revision = {2, id_of<BrokerId>(99)};
+    word.phase = JobPhase::queued;
+    fleet.say(1, "broker 0", word);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::cancelled); // without a scene
+    fleet.heal();
+    fleet.pass(9s);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::queued);
+}
+
 TEST_CASE("a copy that is cancelled before it has its scene is kept: its tiles may still come") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);
