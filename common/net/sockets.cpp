@@ -12,6 +12,7 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <map>
 #include <mutex>
 #include <utility>
 #include <zmq.hpp>
@@ -102,18 +103,22 @@ Error refused(const char* deed, const std::string& endpoint, const zmq::error_t&
 }
 
 // libzmq 4.3.4 looks names up in its I/O threads, and waits for the answer: seconds, where nobody
-// knows the name. Connections to names have a thread of their own, so that all others go on.
-constexpr int io_threads = 2;
-constexpr std::uint64_t thread_of_numbers = 1, thread_of_names = 2; // masks
+// knows the name. Connections to a name have a thread of that name, so that all others go on; with
+// more names than threads some share one.
+constexpr std::size_t name_threads = 8;
+constexpr std::uint64_t thread_of_numbers = 1; // a mask
 
-bool has_name(const std::string& endpoint) {
+/// Empty: it is a number, or no host.
+std::string host_name(const std::string& endpoint) {
     const auto parsed = parse_endpoint(endpoint, broker_port);
     if (!parsed || parsed->transport != Endpoint::Transport::tcp)
-        return false;
-    const std::string host = without_brackets(parsed->host);
+        return {};
+    std::string host = without_brackets(parsed->host);
     in6_addr address{};
-    return inet_pton(AF_INET, host.c_str(), &address) != 1 &&
-           inet_pton(AF_INET6, host.substr(0, host.find('%')).c_str(), &address) != 1;
+    const bool is_number =
+        inet_pton(AF_INET, host.c_str(), &address) == 1 ||
+        inet_pton(AF_INET6, host.substr(0, host.find('%')).c_str(), &address) == 1;
+    return is_number ? std::string() : host;
 }
 
 void set_linger_of(zmq::socket_t& socket, Duration linger) {
@@ -129,6 +134,7 @@ struct Context::Impl {
     std::mutex mutex;
     std::shared_ptr<Doorman> doorman; // guarded by it
     std::atomic<std::uint64_t> keyless_count = 0;
+    std::map<std::string, std::uint64_t> threads_of_names; // masks, guarded by it
 
     explicit Impl(std::optional<Keys> own) : keys(std::move(own)) {}
     ~Impl() { context.shutdown(); } // so that the doorman ends
@@ -136,11 +142,19 @@ struct Context::Impl {
         const std::lock_guard lock(mutex);
         return doorman;
     }
+    [[nodiscard]] std::uint64_t thread_for(const std::string& endpoint) {
+        const std::string name = host_name(endpoint);
+        if (name.empty())
+            return thread_of_numbers;
+        const std::lock_guard lock(mutex);
+        const std::size_t next = threads_of_names.size() % name_threads;
+        return threads_of_names.try_emplace(name, thread_of_numbers << (1 + next)).first->second;
+    }
 };
 
 Context::Context(std::optional<Keys> keys) : impl_(std::make_unique<Impl>(std::move(keys))) {
     impl_->context.set(zmq::ctxopt::max_sockets, sockets_max);
-    impl_->context.set(zmq::ctxopt::io_threads, io_threads);
+    impl_->context.set(zmq::ctxopt::io_threads, static_cast<int>(1 + name_threads));
     impl_->context.set(zmq::ctxopt::blocky, false);
 }
 Context::~Context() = default;
@@ -198,8 +212,8 @@ struct SocketImpl {
 
 namespace {
 
-void connect_to(zmq::socket_t& socket, const std::string& endpoint) {
-    socket.set(zmq::sockopt::affinity, has_name(endpoint) ? thread_of_names : thread_of_numbers);
+void connect_to(zmq::socket_t& socket, const Context& context, const std::string& endpoint) {
+    socket.set(zmq::sockopt::affinity, context.impl().thread_for(endpoint));
     socket.connect(endpoint);
 }
 
@@ -331,7 +345,7 @@ Result<void> RouterSocket::call(const std::string& endpoint) {
         set_transport_beats(socket);
         set_options_to_connect(socket);
         set_client_keys(socket, *context_, endpoint);
-        connect_to(socket, endpoint);
+        connect_to(socket, *context_, endpoint);
         calls_ = true;
         return {};
     } catch (const zmq::error_t& e) {
@@ -438,7 +452,7 @@ Result<DealerSocket> DealerSocket::connect(const Context& context, const std::st
             dealer.impl_->handshakes.emplace(context.impl().context, dealer.impl_->socket,
                                              context.impl().keys.has_value());
         dealer.impl_->endpoint = endpoint;
-        connect_to(dealer.impl_->socket, endpoint);
+        connect_to(dealer.impl_->socket, context, endpoint);
         return dealer;
     } catch (const zmq::error_t& e) {
         return refused("connect to", endpoint, e);
@@ -464,7 +478,7 @@ void connect_anew(SocketImpl& dealer) {
         if (e.num() != ENOENT)
             throw;
     }
-    connect_to(dealer.socket, dealer.endpoint);
+    dealer.socket.connect(dealer.endpoint); // by the same thread
 }
 
 void look_for_refusal(SocketImpl& dealer) {
@@ -616,7 +630,7 @@ Result<SubscriberSocket> SubscriberSocket::connect(const Context& context,
         subscriber.impl_->socket.set(zmq::sockopt::rcvhwm, stream_queue_max);
         set_options_to_connect(subscriber.impl_->socket);
         set_client_keys(subscriber.impl_->socket, context, endpoint);
-        connect_to(subscriber.impl_->socket, endpoint);
+        connect_to(subscriber.impl_->socket, context, endpoint);
         return subscriber;
     } catch (const zmq::error_t& e) {
         return refused("subscribe at", endpoint, e);
