@@ -37,7 +37,7 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         drop_silent_peers();
         take_back_stuck_tiles();
         end_quarantines();
-        end_jobs_without_checkers();
+        end_jobs_that_are_through();
         give_up_scenes_that_do_not_come();
         give_up_tiles_that_do_not_come();
         forget_what_is_old();

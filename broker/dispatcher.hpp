@@ -472,7 +472,7 @@ private:
     void check_rendered(Job& job, WorkerSession& worker, const Grant& grant, AttemptNumber attempt,
                         const protocol::TileRendered& answer);
     void end_if_done(Job& job);
-    void end_jobs_without_checkers();
+    void end_jobs_that_are_through();
     [[nodiscard]] std::optional<std::string> contest(const Job& job) const;
     void distrust(const std::vector<protocol::Distrusted>& liars, const JobId& found_in);
     void void_all_tiles(const protocol::Distrusted& who, const JobId& found_in);

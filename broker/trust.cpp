@@ -145,11 +145,11 @@ void Dispatcher::end_if_done(Job& job) {
     end_job(job, JobPhase::done, "");
 }
 
-/// Whoever could have checked them may have gone.
-void Dispatcher::end_jobs_without_checkers() {
+/// Whoever could have checked their tiles may have gone, or is not believed any more.
+void Dispatcher::end_jobs_that_are_through() {
     std::vector<JobId> waiting;
     for (const auto& [id, job] : jobs_)
-        if (!job.checks().empty() && job.all_done())
+        if (!is_over(job.phase) && job.all_done())
             waiting.push_back(id);
     for (const JobId& id : waiting)
         if (Job* job = job_of(id))
@@ -177,6 +177,7 @@ void Dispatcher::distrust(const std::vector<Distrusted>& liars, const JobId& fou
         void_all_tiles(who, found_in);
     for (const Distrusted& who : liars)
         give_no_more(who);
+    end_jobs_that_are_through();
 }
 
 /// To nobody who has that key.
