@@ -136,6 +136,10 @@ void Referee::look_at(const protocol::RenderTile& order) {
 
 void Referee::look_at(const protocol::JobState& state) {
     Watched& w = watched(state.job);
+    std::erase_if(w.struck, [&](const WorkerId& worker) { // it may be trusted again
+        return std::ranges::find(state.distrusted, worker, &protocol::Distrusted::worker) ==
+               state.distrusted.end();
+    });
     for (const protocol::Distrusted& who : state.distrusted)
         strike(state.job, who.worker);
     if (std::exchange(w.epoch, state.epoch) != state.epoch && state.verify > 0 && !keeps_)
