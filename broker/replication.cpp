@@ -299,7 +299,8 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
             return;
         }
         job.over_at.reset();
-        job.set_check_counts(record.checks);
+        if (record.phase == JobPhase::done) // or what was not checked here stays so, tried again
+            job.set_check_counts(record.checks);
         end_job(job, record.phase, record.reason);
         job.over_at = now_ - std::max(record.over_for, Duration{});
         job.acknowledged_at = *job.over_at - std::max(record.elapsed, Duration{});

@@ -501,6 +501,45 @@ TEST_CASE("tiles of a worker that is distrusted go from a job that was cancelled
     }
 }
 
+TEST_CASE("what was not checked is told, also of a job that was cancelled and tried again") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    SubmitJob picture = Farm::picture(1, 2);
+    picture.wishes.verify = 1;
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    fleet.liar = "l";
+    fleet.worker_arrives("l", 2, 1);
+    fleet.render_all("w");
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("l")); // nobody can tell who is right, and the other tile
+    fleet.workers.erase("l");       // is checked by nobody
+    for (std::size_t i = 0; i < 2; ++i)
+        fleet.say(i, "l", Goodbye{});
+    for (int i = 0; i < 9; ++i) {
+        fleet.pass(1s);
+        fleet.render_all("w");
+    }
+    REQUIRE(fleet.state(0, picture.job)->checks.unchecked == 1);
+    REQUIRE_FALSE(is_over(fleet.state(0, picture.job)->phase));
+    fleet.say(1, "c", ControlJob{picture.job, JobDeed::cancel, 0});
+    fleet.pass(1s);
+    REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::cancelled);
+    CHECK(fleet.state(0, picture.job)->checks.unchecked == 1);
+    fleet.say(0, "c", ControlJob{picture.job, JobDeed::retry, 0});
+    fleet.worker_arrives("v", 3, 1);
+    for (int i = 0; i < 9; ++i) {
+        fleet.pass(1s);
+        fleet.render_all("v");
+        fleet.render_all("w");
+    }
+    for (std::size_t i = 0; i < 2; ++i) {
+        CHECK(fleet.state(i, picture.job)->phase == JobPhase::done);
+        CHECK(fleet.state(i, picture.job)->checks.unchecked == 1);
+    }
+}
+
 TEST_CASE("a worker whose tiles are in what is done is trusted again in the store, too") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);
