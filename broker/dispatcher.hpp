@@ -47,6 +47,7 @@ public:
         std::string endpoint{};           ///< where others reach it; empty: that is not known
         std::vector<std::string> peers{}; ///< endpoints of brokers that stand for this one
         std::uint64_t check_key = 0; ///< decides which tiles are checked; workers do not know it
+        bool is_branch = false;      ///< it serves another broker: then no others stand for it
     };
 
     Dispatcher(Identity identity, Limits limits);
@@ -185,9 +186,10 @@ private:
     [[nodiscard]] protocol::Term term() const { return membership_.term(); }
     [[nodiscard]] std::string described_revisions(const Job& job) const;
     void on(const BrokerSaid& event);
+    [[nodiscard]] bool has_room_for(const BrokerId& broker) const;
     void meet_broker(const PeerId& peer, protocol::Version spoken,
                      const protocol::BrokerHello& hello);
-    void note_other_version(const std::string& endpoint, const std::string& why);
+    void note_no_company(const std::string& endpoint, const std::string& why);
     void dial(const std::string& endpoint, bool is_configured);
     void consider_dialling(const protocol::Member& member);
     [[nodiscard]] protocol::BrokerHello own_hello() const;

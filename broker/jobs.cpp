@@ -455,7 +455,8 @@ void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, Fa
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;
     job.done_in = heeded_term_.counter;
-    if (was_waiting && job.is_adopted) // it takes no scene to be over, and tiles may still come
+    // It takes no scene to be over, and its tiles may still come from other brokers.
+    if (was_waiting && !is_alone() && !is_order(job))
         keep_job(job);
     look_ready(job);
     if (job.acknowledged_at)

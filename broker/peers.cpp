@@ -7,6 +7,7 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace fraja::broker {
 
@@ -93,21 +94,29 @@ void Dispatcher::tell_all(const Message& message) {
 
 // --------------------------------------------------------------------------------- who says what
 
+bool Dispatcher::has_room_for(const BrokerId& broker) const {
+    return membership_.knows(broker) || membership_.peers().size() + 1 < brokers_max;
+}
+
 /// Somebody has dialled this broker, perhaps itself: it hears so by the answer.
 void Dispatcher::meet_broker(const PeerId& peer, Version spoken, const BrokerHello& hello) {
     if (spoken != protocol::version) {
-        note_other_version(hello.endpoint, of_one_version(spoken));
+        note_no_company(hello.endpoint, of_one_version(spoken));
         return refuse(peer, RefusalCode::version_mismatch, of_one_version(spoken));
     }
+    if (identity_.is_branch)
+        return turn_away(peer, RefusalCode::not_allowed,
+                         "it serves another broker, and brokers that stand for each other serve no "
+                         "other one");
     if (const auto worker = workers_.find(peer); worker != workers_.end())
         end_worker(worker, Departure::replaced, "its connection says to be a broker");
     end_client(peer, Departure::replaced);
     if (hello.broker != identity_.broker) {
-        if (!membership_.knows(hello.broker) && membership_.peers().size() + 1 >= brokers_max)
+        forget_predecessors(hello);
+        if (!has_room_for(hello.broker))
             return turn_away(peer, RefusalCode::limit_exceeded,
                              "at most " + std::to_string(brokers_max) +
                                  " brokers stand for each other");
-        forget_predecessors(hello);
         membership_.meet(now_, hello);
         Colleague& colleague = colleagues_[hello.broker];
         if (colleague.peer && *colleague.peer != peer)
@@ -121,10 +130,10 @@ void Dispatcher::meet_broker(const PeerId& peer, Version spoken, const BrokerHel
 }
 
 /// Told in the log once in a while, as both go on asking.
-void Dispatcher::note_other_version(const std::string& endpoint, const std::string& why) {
+void Dispatcher::note_no_company(const std::string& endpoint, const std::string& why) {
     if (refusals_told_.is_new(now_, endpoint + why))
         log({.level = LogLevel::warning,
-             .kind = "wrong_version",
+             .kind = "no_company",
              .subject = endpoint,
              .text = "broker " + endpoint + " does not stand for this one: " + why});
 }
@@ -136,9 +145,10 @@ void Dispatcher::on(const BrokerSaid& event) {
     Line& line = found->second;
     const auto* refused = std::get_if<Refused>(&event.message);
     if (event.version != protocol::version)
-        return note_other_version(event.endpoint, of_one_version(event.version));
-    if (refused && refused->code == RefusalCode::version_mismatch)
-        return note_other_version(event.endpoint, refused->reason);
+        return note_no_company(event.endpoint, of_one_version(event.version));
+    if (refused && (refused->code == RefusalCode::version_mismatch ||
+                    refused->code == RefusalCode::not_allowed))
+        return note_no_company(event.endpoint, refused->reason);
     if (refused && refused->code == RefusalCode::unknown_peer) {
         line.broker.reset();
         if (now_ - line.hello_at >= limits_.heartbeat / limits_.peer_beats)
@@ -153,9 +163,13 @@ void Dispatcher::on(const BrokerSaid& event) {
             return;
         }
         forget_predecessors(*hello);
-        line.broker = hello->broker;
+        if (!has_room_for(hello->broker))
+            return;
+        const auto before = std::exchange(line.broker, hello->broker);
         membership_.meet(now_, *hello);
         colleagues_.try_emplace(hello->broker);
+        if (before && before != hello->broker && !route_to(*before))
+            forget_broker(BrokerId(*before));
         return;
     }
     if (line.broker && membership_.knows(*line.broker))

@@ -103,7 +103,8 @@ public:
                        .unix_offset = since_1970() - (net::now() - Instant{}),
                        .endpoint = endpoint_for_others(options, router_.endpoint()),
                        .peers = options.peers,
-                       .check_key = random_number()},
+                       .check_key = random_number(),
+                       .is_branch = !options.upstream.broker.empty()},
                       options.limits),
           next_report_(options.on_report ? Instant{} : Instant::never()) {
         if (!options.upstream.broker.empty())

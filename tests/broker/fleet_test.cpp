@@ -360,19 +360,71 @@ TEST_CASE("the scene of what is tried again comes from another broker when who s
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::queued);
 }
 
-TEST_CASE("a copy that is cancelled before it has its scene is kept: its tiles may still come") {
+TEST_CASE("whoever says to be another broker each time takes nobody's place") {
+    Dispatcher dispatcher(Dispatcher::Identity{.broker = id_of<BrokerId>(1),
+                                               .epoch = 1,
+                                               .stream = "tcp://a:50058",
+                                               .endpoint = "tcp://a:50057",
+                                               .peers = {"tcp://b:50057"}},
+                          {});
+    std::vector<Action> actions;
+    dispatcher.step(Instant{}, Tick{}, actions);
+    BrokerHello hello;
+    for (std::uint8_t id = 2; id < 200; ++id) {
+        hello.broker = id_of<BrokerId>(id);
+        dispatcher.step(Instant{}, BrokerSaid{"tcp://b:50057", hello}, actions);
+        CHECK(dispatcher.membership().peers().size() == 1); // where it was is the next one now
+    }
+    for (std::uint8_t id = 2; id < 200; ++id) {
+        hello.broker = id_of<BrokerId>(id);
+        dispatcher.step(Instant{}, PeerSaid{"stranger", hello}, actions);
+        CHECK(dispatcher.membership().peers().size() < brokers_max);
+    }
+    hello.broker = id_of<BrokerId>(200);
+    dispatcher.step(Instant{}, BrokerSaid{"tcp://b:50057", hello}, actions);
+    CHECK(dispatcher.membership().peers().size() < brokers_max);
+}
+
+TEST_CASE("a broker that serves another one has no company") {
+    Dispatcher dispatcher(
+        Dispatcher::Identity{
+            .broker = id_of<BrokerId>(1), .epoch = 1, .stream = "tcp://a:50058", .is_branch = true},
+        {});
+    std::vector<Action> actions;
+    BrokerHello hello;
+    hello.broker = id_of<BrokerId>(2);
+    hello.endpoint = "tcp://b:50057";
+    dispatcher.step(Instant{}, PeerSaid{"b", hello}, actions);
+    CHECK(dispatcher.membership().peers().size() == 0);
+    const auto refused = std::ranges::find_if(actions, [](const Action& action) {
+        const auto* send = std::get_if<Send>(&action);
+        return send && std::holds_alternative<Refused>(send->message);
+    });
+    REQUIRE(refused != actions.end());
+    CHECK(std::get<Refused>(std::get<Send>(*refused).message).code == RefusalCode::not_allowed);
+    CHECK(std::ranges::none_of(
+        actions, [](const Action& action) { return std::holds_alternative<Dial>(action); }));
+}
+
+TEST_CASE("what is cancelled before it has its scene is kept: its tiles may still come") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);
     const SubmitJob picture = Farm::picture(1, 4);
-    fleet.say(1, "broker 0",
-              JobRecord{.submission = picture,
-                        .revision = {1, fleet.nodes[0].id},
-                        .number = 1,
-                        .passes = 1,
-                        .phase = JobPhase::queued,
-                        .reason = {},
-                        .checks = {},
-                        .distrusted = {}});
+    SUBCASE("a copy") {
+        fleet.say(1, "broker 0",
+                  JobRecord{.submission = picture,
+                            .revision = {1, fleet.nodes[0].id},
+                            .number = 1,
+                            .passes = 1,
+                            .phase = JobPhase::queued,
+                            .reason = {},
+                            .checks = {},
+                            .distrusted = {}});
+    }
+    SUBCASE("of a client of its own, that may have sent it to the other one as well") {
+        fleet.say(1, "c", ClientHello{"c", "test"});
+        fleet.say(1, "c", picture);
+    }
     REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::waiting_for_scene);
     const auto is_kept = [&] {
         return std::ranges::any_of(fleet.nodes[1].kept, [](const Write& write) {

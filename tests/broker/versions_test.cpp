@@ -180,7 +180,7 @@ TEST_CASE("brokers that stand for each other are of one version") {
     CHECK(farm.dispatcher.membership().peers().empty());
     std::vector<std::string> told;
     for (const Log& line : farm.logs)
-        if (line.kind == "wrong_version")
+        if (line.kind == "no_company")
             told.push_back(line.text);
     REQUIRE(told.size() == 2); // whoever noticed
     CHECK(told[0].starts_with("broker tcp://b:50057 does not stand for this one: "));

@@ -38,7 +38,10 @@ BranchNode::BranchNode(Farm& farm, Network& above, std::size_t index)
 void BranchNode::start() {
     above_.begin_life(process_);
     dispatcher_ = std::make_unique<broker::Dispatcher>(
-        broker::Dispatcher::Identity{farm_.make_id<BrokerId>(), ++epoch_, "tcp://sim:50068", false},
+        broker::Dispatcher::Identity{.broker = farm_.make_id<BrokerId>(),
+                                     .epoch = ++epoch_,
+                                     .stream = "tcp://sim:50068",
+                                     .is_branch = true},
         farm_.scenario.limits);
     closed_until_ = farm_.now();
     step(broker::Tick{});
