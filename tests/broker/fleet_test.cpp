@@ -19,6 +19,19 @@ bool has_logged(const Fleet& fleet, std::size_t i, std::string_view kind) {
                                [&](const Log& line) { return line.kind == kind; });
 }
 
+/// What a broker may say of a job.
+JobRecord word_of(const SubmitJob& picture, const Revision& revision, JobPhase phase,
+                  std::vector<Distrusted> distrusted = {}) {
+    return {.submission = picture,
+            .revision = revision,
+            .number = 1,
+            .passes = 1,
+            .phase = phase,
+            .reason = {},
+            .checks = {},
+            .distrusted = std::move(distrusted)};
+}
+
 } // namespace
 
 TEST_CASE("the broker that started first deals out the tiles, and it alone") {
@@ -341,14 +354,7 @@ TEST_CASE("the scene of what is tried again comes from another broker when who s
     const SubmitJob picture = Farm::picture(1, 4);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(9s);
-    JobRecord word{.submission = picture,
-                   .revision = {1, fleet.nodes[0].id},
-                   .number = 1,
-                   .passes = 1,
-                   .phase = JobPhase::cancelled,
-                   .reason = {},
-                   .checks = {},
-                   .distrusted = {}};
+    JobRecord word = word_of(picture, {1, fleet.nodes[0].id}, JobPhase::cancelled);
     fleet.say(1, "broker 0", word);
     REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
     word.revision = {2, id_of<BrokerId>(99)};
@@ -411,15 +417,7 @@ TEST_CASE("what is cancelled before it has its scene is kept: its tiles may stil
     fleet.pass(4s);
     const SubmitJob picture = Farm::picture(1, 4);
     SUBCASE("a copy") {
-        fleet.say(1, "broker 0",
-                  JobRecord{.submission = picture,
-                            .revision = {1, fleet.nodes[0].id},
-                            .number = 1,
-                            .passes = 1,
-                            .phase = JobPhase::queued,
-                            .reason = {},
-                            .checks = {},
-                            .distrusted = {}});
+        fleet.say(1, "broker 0", word_of(picture, {1, fleet.nodes[0].id}, JobPhase::queued));
     }
     SUBCASE("of a client of its own, that may have sent it to the other one as well") {
         fleet.say(1, "c", ClientHello{"c", "test"});
@@ -454,14 +452,8 @@ TEST_CASE("tiles of a worker that only another broker distrusts stay in what is 
         fleet.pass(5s);
         REQUIRE(fleet.state(1, picture.job)->done_count == 2);
         fleet.cut(0, 1);
-        const JobRecord word{.submission = picture, // as a third one could have told it
-                             .revision = fleet.state(1, picture.job)->revision,
-                             .number = 1,
-                             .passes = 1,
-                             .phase = JobPhase::running,
-                             .reason = {},
-                             .checks = {},
-                             .distrusted = {{id_of<WorkerId>(1), "w", "it lies"}}};
+        const JobRecord word = word_of(picture, fleet.state(1, picture.job)->revision,
+                                       JobPhase::running, {{id_of<WorkerId>(1), "w", "it lies"}});
         fleet.say(1, "broker 0", word);
         CHECK(fleet.state(1, picture.job)->done_count == 0);
         CHECK(fleet.state(1, picture.job)->distrusted == word.distrusted);
@@ -529,14 +521,8 @@ TEST_CASE("tiles of a worker that is distrusted go from a job that was cancelled
     REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
     REQUIRE(fleet.state(1, picture.job)->done_count == 2);
     fleet.say(1, "broker 0",
-              JobRecord{.submission = picture,
-                        .revision = fleet.state(1, picture.job)->revision,
-                        .number = 1,
-                        .passes = 1,
-                        .phase = JobPhase::cancelled,
-                        .reason = {},
-                        .checks = {},
-                        .distrusted = {{id_of<WorkerId>(1), "w", "it lies"}}});
+              word_of(picture, fleet.state(1, picture.job)->revision, JobPhase::cancelled,
+                      {{id_of<WorkerId>(1), "w", "it lies"}}));
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
     CHECK(fleet.state(1, picture.job)->done_count == 0);
     fleet.pass(3s); // and the other one hears of it
@@ -599,14 +585,8 @@ TEST_CASE("a worker whose tiles are in what is done is trusted again in the stor
     (void)fleet.submit(0, "c", picture);
     fleet.pass(1s);
     const WorkerId worker = id_of<WorkerId>(1);
-    JobRecord word{.submission = picture,
-                   .revision = {7, fleet.nodes[0].id},
-                   .number = 1,
-                   .passes = 1,
-                   .phase = JobPhase::running,
-                   .reason = {},
-                   .checks = {},
-                   .distrusted = {{worker, "w", "it lies"}}};
+    JobRecord word =
+        word_of(picture, {7, fleet.nodes[0].id}, JobPhase::running, {{worker, "w", "it lies"}});
     fleet.say(1, "broker 0", word);
     REQUIRE(fleet.state(1, picture.job)->distrusted.size() == 1);
     word.revision.counter = 8;
@@ -642,26 +622,18 @@ TEST_CASE("a job that comes to its end by itself follows what another broker has
         REQUIRE(fleet.state(0, picture.job)->phase != JobPhase::done); // v is to check
         if (is_paused) // and somebody resumed it where it was done
             fleet.say(0, "c", ControlJob{picture.job, JobDeed::pause, 0});
-        const Revision word{9, fleet.nodes[1].id};
-        fleet.say(0, "broker 1",
-                  JobRecord{.submission = picture,
-                            .revision = word,
-                            .number = 1,
-                            .passes = 1,
-                            .phase = JobPhase::done,
-                            .reason = {},
-                            .done_count = 4,
-                            .checks = {},
-                            .distrusted = {}});
+        JobRecord word = word_of(picture, {9, fleet.nodes[1].id}, JobPhase::done);
+        word.done_count = 4;
+        fleet.say(0, "broker 1", word);
         fleet.pass(1s);
-        CHECK(fleet.state(0, picture.job)->revision != word); // it is not done here
+        CHECK(fleet.state(0, picture.job)->revision != word.revision); // it is not done here
         CHECK(fleet.state(0, picture.job)->phase != JobPhase::paused);
         fleet.workers.erase("v");
         for (std::size_t i = 0; i < 2; ++i)
             fleet.say(i, "v", Goodbye{});
         fleet.pass(3s);
         CHECK(fleet.state(0, picture.job)->phase == JobPhase::done);
-        CHECK(fleet.state(0, picture.job)->revision == word);
+        CHECK(fleet.state(0, picture.job)->revision == word.revision);
     }
 }
 
