@@ -177,7 +177,10 @@ public:
     // meet.
 
     /// From now on these are its allies; they must be there until others are named.
-    void set_allies(std::vector<const Session*> allies) { allies_ = std::move(allies); }
+    void set_allies(std::vector<const Session*> allies) {
+        allies_ = std::move(allies);
+        has_had_allies_ = has_had_allies_ || !allies_.empty();
+    }
     /// The sessions of one worker count their tickets together.
     void share_tickets(std::uint64_t& last_ticket) { shared_tickets_ = &last_ticket; }
     /// Its hellos come after those of an earlier session with the same broker. Before the first
@@ -336,6 +339,7 @@ private:
     Instant leave_by_ = Instant::never();               // draining, with no tile left
 
     std::vector<const Session*> allies_;
+    bool has_had_allies_ = false;
     std::vector<protocol::Message> answers_for_allies_;
 
     std::uint64_t own_tickets_ = 0;

@@ -151,9 +151,9 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         return refuse(FailureCode::machine, "another tile of this name is at hand");
     }
     // While one broker takes over from another, both may have filled the credit.
-    if (tiles_in_hand() >= (allies_.empty() ? 1 : 2) * std::size_t{credit()}) {
+    if (tiles_in_hand() >= (has_had_allies_ ? 2 : 1) * std::size_t{credit()}) {
         note_oddity(turn, name_of(message) + " is beyond the credit");
-        if (!allies_.empty()) // its broker did not know of what others gave: it is not to blame
+        if (has_had_allies_) // its broker did not know of what others gave: it is not to blame
             return beat(turn);
         return refuse(FailureCode::machine, "beyond this worker's credit");
     }

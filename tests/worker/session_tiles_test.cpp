@@ -111,6 +111,19 @@ TEST_CASE("session takes no tile beyond its credit, and none twice") {
     CHECK(sent<WorkerBeat>(driver.pass(1s)).at(0).in_flight.size() == 4);
 }
 
+TEST_CASE("what is beyond the credit is nobody's fault where other brokers have been") {
+    SessionDriver driver, other;
+    driver.connect();
+    driver.session.set_allies({&other.session});
+    driver.session.set_allies({}); // of which none is left
+    const TestScene scene(10);
+    for (std::uint32_t i = 0; i < 8; ++i)
+        CHECK(sent<TileFailed>(driver.receive(order(scene, i))).empty());
+    const auto actions = driver.receive(order(scene, 8));
+    CHECK(sent<TileFailed>(actions).empty());
+    CHECK(sent<WorkerBeat>(actions).at(0).in_flight.size() == 8); // it hears that this is not
+}
+
 TEST_CASE("a cancelled tile is stopped and answered at once, wherever it is") {
     Ready driver;
     const TestScene other(10, 'o');
