@@ -335,6 +335,7 @@ private:
     void find_job(const PeerId& peer, const protocol::FindJob& find);
     void end_job(Job& job, protocol::JobPhase phase, const std::string& reason,
                  protocol::FailureCode fault = protocol::FailureCode::machine);
+    void withdraw(Job& job, protocol::JobPhase phase);
     void forget(JobId id);
     void discard(JobId id);
     [[nodiscard]] Job* job_of(const JobId& id);

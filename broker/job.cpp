@@ -31,6 +31,7 @@ Job::Job(protocol::SubmitJob submission, std::uint32_t number, PeerId client)
       passes_(protocol::pass_count(submission_.settings)),
       done_(static_cast<std::size_t>(grid_.count() * passes_)), first_pass_left_(grid_.count()) {
     fresh_blocks_.resize(std::size_t{costs_.block_columns()} * costs_.block_rows());
+    open_in_blocks_.resize(fresh_blocks_.size());
     plan();
 }
 
@@ -79,8 +80,43 @@ void Job::plan() {
 
 OpenTileId Job::open(OpenTile tile) {
     const auto id = OpenTileId(++open_count_);
-    open_.emplace(id, std::move(tile));
+    enter(id, open_.emplace(id, std::move(tile)).first->second);
     return id;
+}
+
+template <class F>
+void Job::for_each_block(const CellRect& cells, F deed) {
+    const std::uint32_t side = costs_.block_side();
+    for (std::uint32_t row = cells.row / side; row * side < cells.row + cells.height; ++row)
+        for (std::uint32_t column = cells.column / side; column * side < cells.column + cells.width;
+             ++column)
+            deed(open_in_blocks_[std::size_t{row} * costs_.block_columns() + column]);
+}
+
+/// Anew, when its cells are not within those that it was entered with.
+void Job::enter(OpenTileId id, OpenTile& tile) {
+    tile.entered = tile.tile.cells;
+    for_each_block(tile.entered, [&](std::vector<OpenTileId>& ids) { ids.push_back(id); });
+}
+
+void Job::leave(OpenTileId id, const OpenTile& tile) {
+    for_each_block(tile.entered, [&](std::vector<OpenTileId>& ids) {
+        const auto at = std::ranges::find(ids, id);
+        *at = ids.back();
+        ids.pop_back();
+    });
+}
+
+/// All that have some of the cells, and others near by; those first that were opened first.
+std::vector<OpenTileId> Job::open_about(const CellRect& cells) {
+    std::vector<OpenTileId> about;
+    for_each_block(cells, [&](const std::vector<OpenTileId>& ids) {
+        about.insert(about.end(), ids.begin(), ids.end());
+    });
+    std::ranges::sort(about);
+    const auto again = std::ranges::unique(about);
+    about.erase(again.begin(), again.end());
+    return about;
 }
 
 double Job::rank_of(const CellRect& cells, double work) const {
@@ -173,9 +209,10 @@ void Job::close(OpenTileId id) {
     if (const auto whole = open_.find(tile.whole); whole != open_.end())
         --whole->second.parts;
     if (tile.parts > 0)
-        for (auto& [other_id, other] : open_)
-            if (other.whole == id)
+        for (const OpenTileId other_id : open_about(tile.entered))
+            if (OpenTile& other = open_.at(other_id); other.whole == id)
                 other.whole = OpenTileId::none;
+    leave(id, tile);
     open_.erase(at);
 }
 
@@ -283,9 +320,10 @@ std::vector<Job::Unwanted> Job::finish(OpenTileId id, const Tile& tile, double w
     if (!overlapping_ && answered != open_.end() && answered->second.tile == tile)
         over.push_back(id);
     else
-        for (const auto& [other_id, other] : open_)
-            if (other.tile.pass == tile.pass && overlap(other.tile.cells, tile.cells) &&
-                all_cells_done(other.tile))
+        for (const OpenTileId other_id : open_about(tile.cells))
+            if (const OpenTile& other = open_.at(other_id); other.tile.pass == tile.pass &&
+                                                            overlap(other.tile.cells, tile.cells) &&
+                                                            all_cells_done(other.tile))
                 over.push_back(other_id);
     std::vector<Unwanted> unwanted;
     for (const OpenTileId other_id : over) {
@@ -389,6 +427,8 @@ std::vector<Job::Unwanted> Job::drop_unfinished() {
     fresh_ = fresh_end_;
     adopted_.clear();
     open_.clear();
+    for (std::vector<OpenTileId>& ids : open_in_blocks_)
+        ids.clear();
     requeued_.clear();
     pending_.clear();
     std::ranges::fill(fresh_blocks_, OpenTileId::none);

@@ -333,9 +333,10 @@ private:
         std::vector<WorkerId> failed_on{};
         std::uint32_t forgiven = 0;
         bool was_assigned = false;
-        OpenTileId whole{};      ///< it is a part of that one, which is open as well
-        std::uint32_t parts = 0; ///< its parts that are open
-        bool covered = false;    ///< by its parts that are open or done
+        OpenTileId whole{};           ///< it is a part of that one, which is open as well
+        std::uint32_t parts = 0;      ///< its parts that are open
+        bool covered = false;         ///< by its parts that are open or done
+        protocol::CellRect entered{}; ///< in `open_in_blocks_`: its cells, and perhaps more
     };
     using OpenTiles = std::map<OpenTileId, OpenTile>;
 
@@ -347,6 +348,11 @@ private:
         return static_cast<std::size_t>(tile.pass * grid_.count() + cell);
     }
     OpenTileId open(OpenTile tile);
+    template <class F>
+    void for_each_block(const protocol::CellRect& cells, F deed);
+    void enter(OpenTileId id, OpenTile& tile);
+    void leave(OpenTileId id, const OpenTile& tile);
+    [[nodiscard]] std::vector<OpenTileId> open_about(const protocol::CellRect& cells);
     void push_pending(OpenTileId id);
     void erase_pending(OpenTileId id, const OpenTile& tile);
     void close(OpenTileId id);
@@ -388,6 +394,8 @@ private:
     std::uint64_t fresh_end_ = 0;           ///< nor are those from here on
     std::uint64_t open_count_ = 0;          ///< how many were ever open
     OpenTiles open_;
+    /// Which of them are in each block, so that an answer need not look at all that are open.
+    std::vector<std::vector<OpenTileId>> open_in_blocks_;
     std::deque<OpenTileId> requeued_;          ///< these go first
     std::map<Owner, std::set<Place>> pending_; ///< then these
     std::vector<OpenTileId> fresh_blocks_;     ///< of each block, if it is pending and fresh

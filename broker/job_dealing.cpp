@@ -159,7 +159,9 @@ void Job::join_blocks(OpenTileId id, double work_max) {
         for (const std::size_t b : blocks)
             if (const OpenTileId other = fresh_blocks_[b]; other != OpenTileId::none)
                 close(other);
+        leave(id, tile);
         tile.tile.cells = wider;
+        enter(id, tile);
     }
 }
 

@@ -445,23 +445,28 @@ void Dispatcher::end_jobs_whose_time_is_up() {
     }
 }
 
+/// It is in that phase then, and nothing of it is handed out, or wanted of workers, any more.
+void Dispatcher::withdraw(Job& job, JobPhase phase) {
+    const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
+    job.phase = phase;
+    look_ready(job);
+    if (job.acknowledged_at)
+        deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
+    cancel_unwanted(job, assigned);
+}
+
 /// An order is no more after that.
 void Dispatcher::end_job(Job& job, JobPhase phase, const std::string& reason, FailureCode fault) {
-    const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
+    const bool was_waiting = job.phase == JobPhase::waiting_for_scene;
+    withdraw(job, phase);
     if (phase == JobPhase::done)
         job.drop_checks();
-    const bool was_waiting = job.phase == JobPhase::waiting_for_scene;
-    job.phase = phase;
     job.reason = clipped(reason, string_bytes_max); // a worker's own words may be in it
     job.over_at = now_;
     job.done_in = heeded_term_.counter;
     // It takes no scene to be over, and its tiles may still come from other brokers.
     if (was_waiting && !is_alone() && !is_order(job))
         keep_job(job);
-    look_ready(job);
-    if (job.acknowledged_at)
-        deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
-    cancel_unwanted(job, assigned);
     if (is_order(job))
         return end_order(job, phase, fault);
     keep_phase(job);
@@ -500,7 +505,9 @@ void Dispatcher::forget(JobId id) {
 
 /// Without a trace: of one that was never kept, it comes again from whoever has it.
 void Dispatcher::discard(JobId id) {
-    const Job& job = jobs_.at(id);
+    Job& job = jobs_.at(id);
+    if (!is_over(job.phase)) // it goes on here, and is over and forgotten elsewhere
+        withdraw(job, JobPhase::cancelled);
     if (job.holds_scene)
         blobs_.release(job.submission().scene);
     job_by_number_.erase(job.number());

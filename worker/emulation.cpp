@@ -26,6 +26,13 @@ std::uint32_t unit_side_for(const protocol::PictureSettings& s) {
     return s.crop.pixel_count() <= small_units_pixels_max ? small_units : medium_units;
 }
 
+/// Whether they make the same picture. Each submission has another time limit: what is left of it.
+bool draw_alike(const protocol::PictureSettings& a, protocol::PictureSettings b) {
+    if (a.limited_in_time() && b.limited_in_time())
+        b.time_limit = a.time_limit;
+    return a == b;
+}
+
 /// What RenderPool makes of a probe, but with the mean of a unit in place of one ray.
 std::vector<double> probe(const UnitPicture& units, const PixelRect& rect, std::uint32_t side) {
     std::vector<double> rays;
@@ -178,7 +185,7 @@ EmulatedPool::PicturePtr EmulatedPool::find_picture(const StartTile& tile,
                                                     std::uint32_t unit_side) {
     const auto at = std::ranges::find_if(pictures_, [&](const PicturePtr& p) {
         return p->units.shape().unit_side == unit_side && p->pass == tile.pass &&
-               p->scene == tile.scene && p->settings == tile.settings;
+               p->scene == tile.scene && draw_alike(p->settings, tile.settings);
     });
     if (at == pictures_.end())
         return nullptr;

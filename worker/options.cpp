@@ -48,8 +48,6 @@ Result<void> validate_emulated(const WorkerOptions& o) {
                        " workers in one process");
     if (o.emulated.empty())
         return {};
-    if (o.brokers.size() > 1)
-        return invalid("--emulate: one --broker only");
     if (o.tags.size() + 1 > protocol::tags_max)
         return invalid("--tag: at most " + std::to_string(protocol::tags_max - 1) +
                        " of them with --emulate");
@@ -94,9 +92,8 @@ Result<void> validate(const WorkerOptions& o) {
 }
 
 std::uint64_t session_count(const WorkerOptions& o) {
-    if (!o.emulated.empty())
-        return emulated_count(o);
-    return o.listen.empty() ? o.brokers.size() : 1;
+    const std::uint64_t workers = o.emulated.empty() ? 1 : emulated_count(o);
+    return o.listen.empty() ? workers * o.brokers.size() : workers;
 }
 
 Result<std::vector<std::string>> listening_endpoints(const std::string& listen, bool insecure,

@@ -46,7 +46,7 @@ struct WorkerOptions {
     std::vector<std::string> tags;  ///< `K` or `K=V`
     std::uint64_t memory_bytes = 0; ///< that it may have, as brokers are told; 0: no limit is known
     /// In place of one true worker: many, each with `threads`, called NAME/1, NAME/2 ..., with the
-    /// tag `emulated`. They are told to serve one broker.
+    /// tag `emulated`. Each serves every broker.
     std::vector<EmulatedWorkers> emulated;
     /// Called from the thread that runs the worker, for each event; empty: silence.
     std::function<void(const LogLine&)> on_log;
@@ -61,7 +61,7 @@ struct WorkerOptions {
 
 /// "COUNT@SPEED": how many, and rays per second and thread, "3500", "3.5k", "2M", "1G".
 [[nodiscard]] Result<EmulatedWorkers> parse_emulated_workers(std::string_view text);
-/// One for each broker or emulated worker; of brokers that are told of there come more.
+/// One for each broker of each worker; of brokers that are told of there come more.
 [[nodiscard]] std::uint64_t session_count(const WorkerOptions& options);
 /// Where each of so many workers listens. The error names the option.
 [[nodiscard]] Result<std::vector<std::string>>

@@ -701,6 +701,35 @@ TEST_CASE("what one broker forgets all forget") {
     }
 }
 
+TEST_CASE("a job that is over and forgotten elsewhere ends where it still goes on") {
+    Limits limits;
+    limits.keep = 1s;
+    Fleet fleet(2, limits);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    SubmitJob picture = Farm::picture(1, 6);
+    picture.settings.time_limit = 1min; // it has a deadline, too
+    const JobId job = fleet.submit(0, "c", picture);
+    fleet.render_one("w");
+    fleet.pass(1s);
+    fleet.cut(0, 1);
+    fleet.pass(3s);
+    fleet.say(1, "c", ControlJob{job, JobDeed::cancel, 0});
+    fleet.pass(2s);
+    CHECK_FALSE(fleet.state(1, job).has_value());
+    CHECK(fleet.state(0, job)->phase == JobPhase::running);
+    fleet.heal();
+    fleet.pass(5s);
+    CHECK_FALSE(fleet.state(0, job).has_value());
+    CHECK(fleet.leaders() == std::vector<std::size_t>{0}); // which deals out what there is
+    const JobId next = fleet.submit(1, "c", Farm::picture(2, 2));
+    fleet.pass(100ms);
+    fleet.render_all("w");
+    for (std::size_t i = 0; i < 2; ++i)
+        CHECK(fleet.state(i, next)->phase == JobPhase::done);
+    fleet.pass(1min); // its time would be up
+}
+
 TEST_CASE("whoever is told of one broker is told of all") {
     Fleet fleet(3);
     fleet.pass(4s);

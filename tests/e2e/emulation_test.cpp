@@ -41,10 +41,8 @@ TEST_CASE("an emulated worker takes the time that its rays take at its speed") {
 }
 
 TEST_CASE("emulation that makes no sense is a usage error that names the option") {
-    for (const Words& options : {Words{"--emulate", "8"},
-                                 {"--emulate", "0@3k"},
-                                 {"--emulate", "8@fast"},
-                                 {"--emulate", "8@3k", "-b", "tcp://a:1,tcp://b:1"}}) {
+    for (const Words& options :
+         {Words{"--emulate", "8"}, {"--emulate", "0@3k"}, {"--emulate", "8@fast"}}) {
         Words words = {program("fraja-worker")};
         words.insert(words.end(), options.begin(), options.end());
         const auto result = run({words, {}}, patience);

@@ -68,6 +68,31 @@ TEST_CASE("any but one of several brokers may die in the middle of a job") {
     }
 }
 
+TEST_CASE("emulated workers that are told of all brokers serve those that are left") {
+    const Scratch scratch;
+    const Words picture = {scene("overlapping_spheres"), "-r", instrumented ? "32x24" : "96x72"};
+    const std::string want = local_picture(scratch, picture);
+    Brokers brokers(3);
+    std::string all = brokers.endpoint(0);
+    for (std::size_t i = 1; i < brokers.count(); ++i)
+        all += "," + brokers.endpoint(i);
+    Process workers = start_program("fraja-worker", {"-b", all, "--name", "many", "--emulate",
+                                                     instrumented ? "3@2k" : "3@10k"});
+    for (std::size_t i = 0; i < brokers.count(); ++i)
+        for (const char* number : {"1", "2", "3"})
+            brokers.wait_for(i, std::string("worker many/") + number + " is here");
+    Process client = start_program(
+        "fraja-submit", with(picture, {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
+    for (std::size_t dead = 0; dead + 1 < brokers.count(); ++dead) {
+        brokers.wait_for(dead, dead == 0 ? "queued" : "this broker leads");
+        brokers.kill(dead);
+    }
+    INFO(brokers.at(2).err());
+    INFO(client.err());
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("farm.png")) == want));
+}
+
 TEST_CASE("a broker that comes back is given all, and the next one may die") {
     const Scratch scratch;
     const std::string want = local_picture(scratch, long_picture());

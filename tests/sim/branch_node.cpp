@@ -10,8 +10,9 @@ namespace fraja::sim {
 
 using namespace std::chrono_literals;
 
-BranchNode::BranchNode(Farm& farm, Network& above, std::size_t index)
+BranchNode::BranchNode(Farm& farm, Network& above, Pipe* pipe, std::size_t index)
     : farm_(farm), above_(above), index_(index), below_(farm, process_) {
+    line_.pipe = pipe;
     line_.hear = [this](protocol::Message&& message) {
         if (session_)
             step(worker::Received{std::move(message)});

@@ -15,8 +15,8 @@ namespace fraja::sim {
 
 class BranchNode {
 public:
-    /// `above`: where the broker is that it serves.
-    BranchNode(Farm& farm, Network& above, std::size_t index);
+    /// `above`: where the broker is that it serves; `pipe`: null if none is on the way there.
+    BranchNode(Farm& farm, Network& above, Pipe* pipe, std::size_t index);
     BranchNode(const BranchNode&) = delete; // the networks know where it is
     BranchNode& operator=(const BranchNode&) = delete;
 
@@ -25,6 +25,7 @@ public:
     void crash();
     [[nodiscard]] Process& process() { return process_; }
     [[nodiscard]] Line& line() { return line_; }
+    [[nodiscard]] Network& above() { return above_; }
     /// Where its own workers are.
     [[nodiscard]] Network& below() { return below_; }
 

@@ -1,6 +1,9 @@
 #include "tests/sim/network.hpp"
 
+#include "common/protocol/codec.hpp"
+
 #include <algorithm>
+#include <utility>
 #include <variant>
 
 namespace fraja::sim {
@@ -13,6 +16,24 @@ constexpr std::uint32_t hurries_max = 1'000;
 
 /// A connection that is silent for so long is given up by ZeroMQ (net/sockets.cpp).
 constexpr Duration connection_patience = 30s;
+
+std::uint64_t bytes_of(const protocol::Message& message) {
+    const protocol::Packet packet = protocol::encode(message);
+    std::uint64_t bytes = packet.header.size() + packet.body.size();
+    for (const Blob& blob : packet.blobs)
+        bytes += blob.size();
+    return bytes;
+}
+
+void note(Traffic& traffic, const protocol::Message& heard) {
+    ++traffic.heard;
+    traffic.beats += std::holds_alternative<protocol::WorkerBeat>(heard);
+    if (const auto* answer = std::get_if<protocol::TileRendered>(&heard)) {
+        ++traffic.answers;
+        for (const Blob& blob : answer->blobs)
+            traffic.pixel_bytes += blob.size();
+    }
+}
 
 } // namespace
 
@@ -73,18 +94,25 @@ void Network::plan_tick(Process& process, Instant when) {
 
 // ----------------------------------------------------------------------------------------- lines
 
-Instant Network::arrival(const Line& line, Instant& last) {
-    last = std::max({last, farm_.now() + farm_.delay(), line.silent_until});
+Traffic Network::traffic() const {
+    Traffic traffic = traffic_;
+    traffic.connections = lines_.size();
+    return traffic;
+}
+
+Instant Network::arrival(const Line& line, Instant& last, Instant sent) {
+    last = std::max({last, sent + farm_.delay(), line.silent_until});
     return last;
 }
 
 void Network::connect(Line& line) {
-    if (std::ranges::find(known_, &line) == known_.end())
+    if (!std::exchange(line.known, true))
         known_.push_back(&line);
     const std::uint64_t life = line.owner.life, generation = ++line.generation;
     line.wanted = true;
     line.up = false;
-    farm_.agenda.after(farm_.delay(), [this, &line, life, generation] {
+    const Duration delay = farm_.delay() + (line.pipe ? line.pipe->delay() : Duration::zero());
+    farm_.agenda.after(delay, [this, &line, life, generation] {
         if (!line.owner.running || line.owner.life != life || line.generation != generation)
             return;
         if (!broker_.running || farm_.now() < line.silent_until)
@@ -138,12 +166,14 @@ bool Network::to_broker(Line& line, protocol::Message& message) {
     if (!line.up)
         return false;
     line.hellos_said += std::holds_alternative<protocol::WorkerHello>(message);
-    plan_arrival(arrival(line, line.to_broker), std::move(message),
+    const Instant sent = line.pipe ? line.pipe->up(farm_.now(), bytes_of(message)) : farm_.now();
+    plan_arrival(arrival(line, line.to_broker, sent), std::move(message),
                  [this, &line, generation = line.generation, hellos = line.hellos_said,
                   peer = line.peer](protocol::Message& arrived) {
                      if (line.generation != generation || hellos < line.hellos_heard)
                          return;
                      line.hellos_heard = hellos;
+                     note(traffic_, arrived);
                      in_process(broker_, [this, peer, arrived = std::move(arrived)]() mutable {
                          broker_hears(std::move(peer), std::move(arrived));
                      });
@@ -156,7 +186,9 @@ bool Network::to_node(const broker::PeerId& peer, protocol::Message&& message) {
     if (found == lines_.end())
         return false;
     Line& line = *found->second.first;
-    plan_arrival(arrival(line, line.to_node), std::move(message),
+    ++traffic_.said;
+    const Instant sent = line.pipe ? line.pipe->down(farm_.now(), bytes_of(message)) : farm_.now();
+    plan_arrival(arrival(line, line.to_node, sent), std::move(message),
                  [this, &line, generation = found->second.second](protocol::Message& arrived) {
                      if (line.generation == generation && line.up)
                          in_process(line.owner, [&line, socket = line.socket,

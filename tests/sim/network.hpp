@@ -5,6 +5,8 @@
 #include "common/protocol/messages.hpp"
 #include "tests/sim/farm.hpp"
 
+#include <algorithm>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
@@ -26,6 +28,26 @@ struct Process {
     std::function<void()> tick;
 };
 
+/// Between two sites, at work. Whatever takes it waits until what came before has gone through.
+class Pipe {
+public:
+    explicit Pipe(const PipePlan& plan) : plan_(plan) {}
+    /// When a message is at the other end that is sent now.
+    Instant up(Instant now, std::uint64_t bytes) { return through(now, bytes, up_free_at_); }
+    Instant down(Instant now, std::uint64_t bytes) { return through(now, bytes, down_free_at_); }
+    [[nodiscard]] Duration delay() const { return plan_.delay; }
+
+private:
+    Instant through(Instant now, std::uint64_t bytes, Instant& free_at) const {
+        free_at = std::max(free_at, now);
+        if (plan_.bytes_per_s > 0)
+            free_at = free_at + from_seconds(static_cast<double>(bytes) / plan_.bytes_per_s);
+        return free_at + plan_.delay;
+    }
+    PipePlan plan_;
+    Instant up_free_at_{}, down_free_at_{};
+};
+
 /// From a program to a broker and back: in order each way, but for duplicates; lost when it breaks.
 struct Line {
     explicit Line(Process& process) : owner(process) {}
@@ -39,6 +61,8 @@ struct Line {
     std::uint64_t generation = 0;      ///< of the connection; another one, another peer
     bool wanted = false;               ///< it has connected, and goes on to want that
     bool up = false;
+    bool known = false;             ///< to its network
+    Pipe* pipe = nullptr;           ///< that it goes through, if any
     broker::PeerId peer;            ///< while it is up
     Instant to_broker{}, to_node{}; ///< when the last message arrives
     Instant silent_until{};
@@ -51,6 +75,9 @@ public:
 
     std::function<void(broker::PeerId, protocol::Message&&)> broker_hears;
     [[nodiscard]] const Process& broker() const { return broker_; }
+    [[nodiscard]] Traffic traffic() const;
+    /// From now on.
+    void count_traffic() { traffic_ = {}; }
 
     template <class F>
     void in_process(Process& process, F deed) {
@@ -82,7 +109,7 @@ public:
 private:
     void thaw_when_due(Process& process);
     void plan_tick(Process& process, Instant when);
-    [[nodiscard]] Instant arrival(const Line& line, Instant& last);
+    [[nodiscard]] Instant arrival(const Line& line, Instant& last, Instant sent);
     /// Does `arrive(message)` then, and again where it comes twice.
     template <class F>
     void plan_arrival(Instant when, protocol::Message&& message, F arrive);
@@ -92,6 +119,7 @@ private:
     std::uint64_t peers_ = 0;
     std::map<broker::PeerId, std::pair<Line*, std::uint64_t>> lines_;
     std::vector<Line*> known_;
+    Traffic traffic_;
 };
 
 /// A line, and the network that it is in.

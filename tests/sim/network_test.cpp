@@ -127,6 +127,39 @@ TEST_CASE("a duplicate is lost with its connection") {
     CHECK(pair.heard.empty());
 }
 
+TEST_CASE("what shares a pipe goes through it one after the other, each way by itself") {
+    Scenario s = scenario_with(0, {});
+    s.faults.delay_min = s.faults.delay_max = 1ms;
+    Pair pair(s);
+    const auto run_for = [&](std::uint32_t count) {
+        const Instant sent = pair.farm.now();
+        for (std::uint32_t i = 0; i < count; ++i)
+            pair.say(i);
+        pair.run();
+        return pair.farm.now() - sent;
+    };
+    CHECK(run_for(1) == 1ms);
+    Pipe slow({.delay = 20ms, .bytes_per_s = 0});
+    pair.line.pipe = &slow;
+    CHECK(run_for(10) == 21ms);
+    Pipe narrow({.delay = 20ms, .bytes_per_s = 1'000});
+    pair.line.pipe = &narrow;
+    const Duration one = run_for(1) - 21ms, ten = run_for(10) - 21ms;
+    CHECK(one > 5ms); // of some bytes
+    CHECK(seconds(ten) == doctest::Approx(10 * seconds(one)).epsilon(0.1));
+    // What goes the other way does not wait for it.
+    pair.heard.clear();
+    for (std::uint32_t i = 0; i < 10; ++i)
+        pair.say(i);
+    pair.send_order(500);
+    pair.run();
+    CHECK(std::ranges::find(pair.heard, 500) < pair.heard.end() - 5);
+    CHECK(pair.network.traffic().heard == 32);
+    CHECK(pair.network.traffic().beats == 32);
+    CHECK(pair.network.traffic().said == 1);
+    CHECK(pair.network.traffic().connections == 1);
+}
+
 TEST_CASE("a cut goes between a group and all others, and nowhere else") {
     const Scenario s = scenario_with(0, {});
     Farm farm(s);

@@ -152,7 +152,7 @@ void add_film(Rng& rng, Scenario& s) {
 /// One of at least four workers, of whom the others are honest. Broker above broker is left out: to
 /// the upper one all below the other are one worker.
 void add_liar(Rng& rng, Scenario& s) {
-    s.branches = 0;
+    s.branches.clear();
     for (WorkerPlan& worker : s.workers)
         worker.branch = 0;
     while (s.workers.size() < 3)
@@ -183,7 +183,7 @@ Duration alone_on_slowest(const Scenario& s) {
 
 void stand_for_each_other(Scenario& s, std::size_t brokers) {
     s.brokers = brokers;
-    s.branches = 0;
+    s.branches.clear();
     for (WorkerPlan& worker : s.workers)
         worker.branch = 0;
     Rng rng(s.seed);
@@ -203,9 +203,9 @@ Scenario random_scenario(std::uint64_t seed) {
     for (std::size_t i = 0; i < workers; ++i)
         s.workers.push_back(random_worker(rng, i == 0));
     if (rng.below(3) == 0) {
-        s.branches = 1 + rng.below(2);
+        s.branches.resize(1 + rng.below(2));
         for (std::size_t i = 1; i < workers; ++i) // the first suits every job
-            s.workers[i].branch = rng.below(s.branches + 1);
+            s.workers[i].branch = rng.below(s.branches.size() + 1);
     }
     const std::size_t jobs = 1 + rng.below(4);
     for (std::size_t i = 0; i < jobs; ++i)

@@ -50,6 +50,19 @@ struct WorkerPlan {
     std::vector<std::string> tags;
     double lies = 0;        ///< share of the tiles that it answers wrong pixels for
     std::size_t branch = 0; ///< which broker it serves: the one above all, or a branch, from 1
+    std::size_t pipe = 0;   ///< by which way: as all are, or one of the pipes, from 1
+};
+
+/// A broker that serves another one as a worker.
+struct BranchPlan {
+    std::size_t above = 0; ///< the one above all, or a branch that is listed before it, from 1
+    std::size_t pipe = 0;  ///< as of WorkerPlan
+};
+
+/// The way between two sites, which all share whose messages take it.
+struct PipePlan {
+    Duration delay{};       ///< of a message, each way, beside what every one has
+    double bytes_per_s = 0; ///< each way; 0: as many as there are
 };
 
 struct JobPlan {
@@ -74,8 +87,9 @@ struct Scenario {
     broker::Limits limits;
     StorePlan store;
     std::vector<WorkerPlan> workers;
-    std::size_t branches = 0; ///< brokers that serve the one above as workers
-    std::size_t brokers = 1;  ///< that stand for each other; with more than one no branches
+    std::vector<BranchPlan> branches;
+    std::vector<PipePlan> pipes;
+    std::size_t brokers = 1; ///< that stand for each other; with more than one no branches
     std::vector<JobPlan> jobs;
     Duration compile_min = std::chrono::milliseconds(1); ///< of a scene at a worker
     Duration compile_max = std::chrono::milliseconds(50);
@@ -102,10 +116,20 @@ struct WorkerReport {
     std::uint64_t tiles = 0;
 };
 
+/// What has come to a broker and left it by sessions, since the first job was to be submitted.
+struct Traffic {
+    std::uint64_t heard = 0, said = 0; ///< messages
+    std::uint64_t beats = 0;           ///< workers', of what was heard
+    std::uint64_t answers = 0;         ///< tiles that were drawn, of what was heard
+    std::uint64_t pixel_bytes = 0;     ///< of these
+    std::size_t connections = 0;       ///< in the end
+};
+
 struct Report {
     std::vector<std::string> violations; ///< of what is promised; none is what is wanted
     std::vector<JobReport> jobs;
     std::vector<WorkerReport> workers;
+    std::vector<Traffic> traffic; ///< of the brokers that stand for each other, then of branches
     Duration ended_at{};
     double useful_rays = 0;       ///< of what was accepted first
     Duration probe{};             ///< that probes took

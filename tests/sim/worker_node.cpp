@@ -31,6 +31,7 @@ WorkerNode::WorkerNode(Farm& farm, const std::vector<Place>& places, std::size_t
     : farm_(farm), index_(index), plan_(farm.scenario.workers[index]) {
     for (const Place& place : places) {
         Way& way = *ways_.emplace_back(std::make_unique<Way>(place, process_));
+        way.line.pipe = place.pipe;
         way.line.hear = [this, &way](protocol::Message&& message) {
             if (!way.session)
                 return;

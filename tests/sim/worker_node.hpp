@@ -24,6 +24,7 @@ public:
     struct Place {
         std::string endpoint;
         Network* network;
+        Pipe* pipe = nullptr; ///< on the way there, if any
     };
     WorkerNode(Farm& farm, const std::vector<Place>& places, std::size_t index);
     WorkerNode(const WorkerNode&) = delete; // the network knows where it is

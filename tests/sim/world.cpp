@@ -30,8 +30,13 @@ public:
         : farm_(scenario), sites_(make_sites(farm_)), administrator_(farm_, sites_, clients_) {
         for (std::size_t i = 0; i < sites_.size(); ++i)
             brokers_.push_back(std::make_unique<BrokerNode>(farm_, sites_, i));
-        for (std::size_t i = 0; i < scenario.branches; ++i)
-            branches_.push_back(std::make_unique<BranchNode>(farm_, sites_[0]->network, i));
+        for (const PipePlan& plan : scenario.pipes)
+            pipes_.push_back(std::make_unique<Pipe>(plan));
+        for (std::size_t i = 0; i < scenario.branches.size(); ++i) {
+            const BranchPlan& plan = scenario.branches[i];
+            branches_.push_back(
+                std::make_unique<BranchNode>(farm_, network_of(plan.above), pipe_of(plan.pipe), i));
+        }
         for (std::size_t i = 0; i < scenario.workers.size(); ++i) {
             workers_.push_back(std::make_unique<WorkerNode>(farm_, places_of(i), i));
         }
@@ -50,12 +55,18 @@ public:
         for (std::size_t i = 0; i < clients_.size(); ++i)
             farm_.agenda.after(farm_.scenario.jobs[i].at, [this, i] { clients_[i]->start(); });
         plan_accidents();
+        if (const auto& jobs = farm_.scenario.jobs; !jobs.empty())
+            farm_.agenda.at(Instant{} + std::ranges::min(jobs, {}, &JobPlan::at).at, [this] {
+                for_each_network([](Network& network) { network.count_traffic(); });
+            });
         const Instant end = Instant{} + farm_.scenario.ends_at;
         const auto& violations = farm_.report.violations;
         while (!farm_.agenda.empty() && !all_over() && farm_.agenda.next() <= end &&
                violations.empty()) // a farm that spins would take hours to come to its end
             farm_.agenda.run_next();
         farm_.report.ended_at = farm_.now().since_start;
+        for_each_network(
+            [this](const Network& network) { farm_.report.traffic.push_back(network.traffic()); });
         for (const auto& broker : brokers_)
             broker->describe();
         if (!violations.empty())
@@ -88,13 +99,28 @@ private:
             sites.push_back(std::make_unique<Site>(farm, i));
         return sites;
     }
-    [[nodiscard]] std::vector<WorkerNode::Place> places_of(std::size_t worker) const {
-        if (const std::size_t branch = farm_.scenario.workers[worker].branch; branch > 0)
-            return {{"tcp://branch:50057", &branches_[branch - 1]->below()}};
+    /// Of the broker above all: 0, or of a branch, from 1.
+    [[nodiscard]] Network& network_of(std::size_t broker) {
+        return broker == 0 ? sites_[0]->network : branches_[broker - 1]->below();
+    }
+    [[nodiscard]] Pipe* pipe_of(std::size_t number) {
+        return number == 0 ? nullptr : pipes_[number - 1].get();
+    }
+    [[nodiscard]] std::vector<WorkerNode::Place> places_of(std::size_t worker) {
+        const WorkerPlan& plan = farm_.scenario.workers[worker];
+        if (plan.branch > 0)
+            return {{"tcp://branch:50057", &network_of(plan.branch), pipe_of(plan.pipe)}};
         std::vector<WorkerNode::Place> places;
         for (const auto& site : sites_)
-            places.push_back({site->endpoint, &site->network});
+            places.push_back({site->endpoint, &site->network, pipe_of(plan.pipe)});
         return places;
+    }
+    template <class F>
+    void for_each_network(F deed) {
+        for (const auto& site : sites_)
+            deed(site->network);
+        for (const auto& branch : branches_)
+            deed(branch->below());
     }
     void list_nodes() {
         const auto add = [this](Process& process, const std::vector<Node>& lines) {
@@ -105,7 +131,7 @@ private:
             for (std::size_t i = 0; i < brokers_.size(); ++i)
                 add(sites_[i]->process, brokers_[i]->lines());
         for (const auto& branch : branches_) // before their workers
-            add(branch->process(), {{&branch->line(), &sites_[0]->network}});
+            add(branch->process(), {{&branch->line(), &branch->above()}});
         for (const auto& worker : workers_)
             add(worker->process(), worker->lines());
         for (const auto& client : clients_)
@@ -196,6 +222,7 @@ private:
 
     Farm farm_;
     Sites sites_;
+    std::vector<std::unique_ptr<Pipe>> pipes_;
     std::vector<std::unique_ptr<BrokerNode>> brokers_;
     std::vector<std::unique_ptr<BranchNode>> branches_;
     std::vector<std::unique_ptr<WorkerNode>> workers_;

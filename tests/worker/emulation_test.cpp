@@ -257,6 +257,24 @@ TEST_CASE(
     CHECK(std::holds_alternative<SceneFailed>(failed[1].event));
 }
 
+TEST_CASE("a picture with a time limit is drawn once, however much of that is left") {
+    Emulated bench;
+    const ContentHash scene = bench.compile(one, scene_text("cone.raj"));
+    StartTile first = tile_of(Ticket{1}, scene, {0, 0, 32, 32});
+    first.settings.time_limit = 1h;
+    bench.pool.perform(one, first);
+    (void)bench.next_finished();
+    StartTile again = tile_of(Ticket{2}, scene, {0, 0, 32, 32});
+    again.settings.time_limit = 1h - 1ms;
+    bench.pool.perform(one, again);
+    CHECK(bench.pool.next_deadline() < Instant::never());        // it runs already
+    StartTile other = tile_of(Ticket{3}, scene, {0, 0, 32, 32}); // without a limit: another one
+    (void)bench.next_finished();
+    bench.pool.perform(one, other);
+    CHECK(bench.pool.next_deadline() == Instant::never());
+    (void)bench.next_finished();
+}
+
 TEST_CASE("the sessions of one emulated worker share its threads") {
     Emulated bench(1, {}, 2);
     constexpr SessionIndex another{2}; // of the second worker

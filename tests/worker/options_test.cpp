@@ -41,7 +41,6 @@ TEST_CASE("options are checked before anything is sent") {
               [](WorkerOptions& o) {
                   o.emulated = {{9000, 1}, {9000, 1}};
               }},
-          Row{"--emulate: one", [](WorkerOptions& o) { o.brokers.push_back("tcp://h:2"); }},
           Row{"--name: with /3", [](WorkerOptions& o) { o.name = std::string(199, 'x'); }},
           Row{"--tag: at most 63",
               [](WorkerOptions& o) { o.tags = std::vector<std::string>(64, "x"); }},
@@ -100,6 +99,19 @@ TEST_CASE(
     options.listen = "127.0.0.1:0";
     CHECK(validate(options).has_value());
     CHECK(session_count(options) == 1);
+}
+
+TEST_CASE("each worker has a session with every broker, and one that listens a single one") {
+    WorkerOptions options;
+    options.brokers = {"tcp://h:1", "tcp://h:2"};
+    CHECK(session_count(options) == 2);
+    options.emulated = {{3, 1e3}, {1, 2e3}};
+    options.name = "n";
+    CHECK(validate(options).has_value());
+    CHECK(session_count(options) == 8);
+    options.brokers.clear();
+    options.listen = "127.0.0.1:0";
+    CHECK(session_count(options) == 4);
 }
 
 TEST_CASE("parse_emulated_workers takes COUNT@SPEED and nothing else") {

@@ -453,6 +453,34 @@ TEST_CASE("every emulated worker serves all brokers that stand for each other, a
     CHECK(worker.join() == FinishReason::stopped);
 }
 
+TEST_CASE("every emulated worker serves all brokers that it is given, and draws for each") {
+    const net::Context context;
+    std::optional<FakeBroker> first(std::in_place, context, "tcp://127.0.0.1:*");
+    FakeBroker second(context, "tcp://127.0.0.1:*"); // another farm's
+    HostedWorker worker(context, {first->endpoint(), second.endpoint()}, {{2, 1e9}});
+    const Bytes scene = scene_text("cone.raj");
+    for (FakeBroker* broker : {&*first, &second}) {
+        std::set<std::string> names;
+        while (names.size() < 2) {
+            const auto hello = broker->expect<WorkerHello>();
+            names.insert(hello.worker_name);
+            Welcome welcome = quick_welcome();
+            welcome.incarnation = hello.incarnation;
+            broker->send(welcome);
+        }
+        CHECK(names == std::set<std::string>{"hosted/1", "hosted/2"});
+        broker->send(order(scene, 0)); // to the one that came last
+        const auto need = broker->expect<NeedChunk>();
+        broker->send(Chunk{need.blob, 0, scene.size(), {Blob(scene)}});
+        CHECK(broker->expect<TileRendered>().blobs.size() == 1);
+    }
+    first.reset();
+    second.send(order(scene, 1)); // goes on without it
+    CHECK(second.expect<TileRendered>().blobs.size() == 1);
+    worker.control.stop_now();
+    CHECK(worker.join() == FinishReason::stopped);
+}
+
 TEST_CASE("a worker that listens serves one caller after the other") {
     const net::Context context;
     ListeningWorker worker(context);

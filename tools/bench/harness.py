@@ -36,16 +36,16 @@ def user_seconds(command, folder, env=None):
     return usage.ru_utime
 
 class Farm:
-    """A broker and workers of one thread each, on ports that the system picks; `state`: the broker's --state."""
-    def __init__(self, programs, workers, folder, state='none'):
-        self.programs, self.state = programs, state
+    """A broker and workers of one thread each, on ports that the system picks; `state`: the broker's --state, `options`: more of them."""
+    def __init__(self, programs, workers, folder, state='none', options=()):
+        self.programs, self.state, self.options = programs, state, list(options)
         self.log = open(os.path.join(folder, 'farm.log'), 'w')
         self.reader, self.told, self.seen = open(self.log.name), '', 0
         self.processes = [self.start_broker('tcp://127.0.0.1:0', 'tcp://127.0.0.1:0')]
         for _ in range(workers):
             self.start_worker(1)
     def start_broker(self, bind, publish):
-        broker = subprocess.Popen([self.programs + '/fraja-broker', '--bind', bind, '--publish', publish, '--state', self.state],
+        broker = subprocess.Popen([self.programs + '/fraja-broker', '--bind', bind, '--publish', publish, '--state', self.state, *self.options],
                                   stdout=subprocess.PIPE, stderr=self.log, text=True)
         words = broker.stdout.readline().split() # listening ENDPOINT stream ENDPOINT
         if len(words) < 4:

@@ -1,15 +1,21 @@
 // plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] [--frames N]
 // [--film] [--csv FILE] SCENE.raj...
+// plan --growth [--quick] [-r WxH] [-d N] [--workers N,N...] [--job-s N] [--sites N] [--site-ms N]
+// [--site-mbit N] [--answer-us N] [--mib-us N] [--beat-us N] SCENE.raj
 //
 // How well a farm would use its workers, from one to ten thousand: the real broker, workers and
 // client in pretend time (tests/sim), with what a scene's parts really cost, counted once. Prints
 // tables in Markdown, and where a farm's time goes. What the broker itself computes takes no time
 // here.
+//
+// --growth: what one broker, trees of brokers and several sites make of ever more machines, and
+// what that costs the brokers: messages as they are counted, times what one was measured to take.
 #include "common/base/allowance.hpp"
 #include "common/render/render.hpp"
 #include "common/scene/raj_reader.hpp"
 #include "tests/sim/scenario.hpp"
 #include "tools/bench/measure.hpp"
+#include "tools/bench/plan_growth.hpp"
 
 #include <atomic>
 #include <chrono>
@@ -33,12 +39,20 @@ struct Options {
     bool quick = false;
     std::uint32_t frames = 24; ///< of the film
     bool film_alone = false;   ///< no other table
+    bool growth_alone = false; ///< likewise
+    GrowthOptions growth;
     std::vector<std::uint32_t> workers{1, 8, 32, 48, 128, 1'000, 10'000};
     double rays_per_s = report_rays_per_s;
     Duration delay = 100us;
     std::string csv;
     std::vector<std::string> scenes;
 };
+
+constexpr const char* usage =
+    "plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] "
+    "[--frames N] [--film] [--csv FILE] SCENE.raj...\n"
+    "plan --growth [--quick] [-r WxH] [-d N] [--workers N,N...] [--job-s N] [--sites N] "
+    "[--site-ms N] [--site-mbit N] [--answer-us N] [--mib-us N] [--beat-us N] SCENE.raj";
 
 std::vector<std::uint32_t> counts_of(const std::string& text) {
     std::vector<std::uint32_t> counts;
@@ -48,6 +62,28 @@ std::vector<std::uint32_t> counts_of(const std::string& text) {
         begin = end + 1;
     }
     return counts;
+}
+
+/// Whether it is one of --growth's, which have a number each.
+bool parse_growth(const std::string& word, const char* value, GrowthOptions& growth) {
+    const auto number = [&] { return static_cast<std::uint32_t>(count_of(value)); };
+    if (word == "--job-s")
+        growth.job = std::chrono::seconds(number());
+    else if (word == "--sites")
+        growth.sites = number();
+    else if (word == "--site-ms")
+        growth.site_delay = std::chrono::milliseconds(number());
+    else if (word == "--site-mbit")
+        growth.site_mbit_per_s = number();
+    else if (word == "--answer-us")
+        growth.costs.answer_us = number();
+    else if (word == "--mib-us")
+        growth.costs.mib_us = number();
+    else if (word == "--beat-us")
+        growth.costs.beat_us = number();
+    else
+        return false;
+    return true;
 }
 
 Options parse(int argc, char** argv) {
@@ -60,8 +96,10 @@ Options parse(int argc, char** argv) {
             o.settings.size = extent_of(argv[++i]);
         else if (word == "-d")
             o.settings.depth = count_of(argv[++i]);
+        else if (word == "--growth")
+            o.growth_alone = true;
         else if (word == "--workers" && i + 1 < argc)
-            o.workers = counts_of(argv[++i]);
+            o.workers = o.growth.machines = counts_of(argv[++i]);
         else if (word == "--rays-per-s")
             o.rays_per_s = count_of(argv[++i]);
         else if (word == "--delay-us")
@@ -72,16 +110,20 @@ Options parse(int argc, char** argv) {
             o.film_alone = true;
         else if (word == "--csv" && i + 1 < argc)
             o.csv = argv[++i];
+        else if (parse_growth(word, i + 1 < argc ? argv[i + 1] : nullptr, o.growth))
+            ++i;
         else if (word.starts_with("-"))
             fail("what is " + word + "?");
         else
             o.scenes.push_back(word);
     }
     if (o.scenes.empty())
-        fail("plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] "
-             "[--frames N] [--film] [--csv FILE] SCENE.raj...");
+        fail(usage);
+    o.growth.delay = o.delay;
+    if (o.growth.sites == 0 || o.growth.job <= Duration::zero())
+        fail("--sites and --job-s are at least 1");
     if (o.quick)
-        o.workers = {1, 8}, o.frames = 3;
+        o.workers = {1, 8}, o.frames = 3, o.growth.machines = {20};
     return o;
 }
 
@@ -268,6 +310,8 @@ void plan(const Options& o, const std::string& path, Tables& tables) {
     std::printf("\n## %s, %ux%u: %.0f rays, %.1f rays/s a worker, messages take %.0f us\n",
                 scene.c_str(), o.settings.size.width, o.settings.size.height, work.rays(),
                 o.rays_per_s, 1e6 * seconds(o.delay));
+    if (o.growth_alone)
+        return plan_growth(o.growth, work, o.settings.size);
     plan_film(o, scene, work, tables);
     if (o.film_alone)
         return;
