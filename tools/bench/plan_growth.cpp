@@ -58,7 +58,6 @@ sim::Scenario scenario_of(const GrowthOptions& o, std::uint32_t machines, const 
     s.compile_min = s.compile_max = 1ms;
     s.pixels = false;
     s.ends_at = 24h;
-    s.limits.workers_max = std::max<std::size_t>(s.limits.workers_max, machines);
     if (shape.of_sites)
         s.pipes.resize(o.sites, {o.site_delay, o.site_mbit_per_s * 1e6 / 8});
     std::size_t above = 0, above_count = 1; // the level's first broker, and how many it has
@@ -124,6 +123,17 @@ void print_row(const GrowthOptions& o, std::uint32_t machines, const Shape& shap
     std::fflush(stdout);
 }
 
+/// What heartbeats alone would take.
+void print_refused(const GrowthOptions& o, std::uint32_t machines, const Shape& shape) {
+    const broker::Limits limits;
+    const double beats_per_s = machines / seconds(limits.heartbeat);
+    std::printf(
+        "| %u | %s | refused: %zu workers at most | | | %u | | | %.0f | %.3f | %.0f | | |\n",
+        machines, shape.name.c_str(), limits.workers_max, machines, beats_per_s,
+        beats_per_s * o.costs.beat_us / 1e6,
+        o.costs.base_mib + machines * o.costs.connection_kib / 1024);
+}
+
 } // namespace
 
 void plan_growth(const GrowthOptions& o, const sim::WorkMap& work, Extent size) {
@@ -141,6 +151,10 @@ void plan_growth(const GrowthOptions& o, const sim::WorkMap& work, Extent size) 
                 "|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n");
     for (const std::uint32_t machines : o.machines)
         for (const Shape& shape : shapes_of(machines, o.sites)) {
+            if (shape.fan.empty() && machines > broker::Limits{}.workers_max) {
+                print_refused(o, machines, shape);
+                continue;
+            }
             const sim::Report report = sim::run(scenario_of(o, machines, shape, work, size));
             for (const std::string& violation : report.violations)
                 fail(std::to_string(machines) + " machines, " + shape.name + ": " + violation);
