@@ -431,8 +431,10 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
 /// The pictures of jobs with a time limit are as good as they get.
 void Dispatcher::end_jobs_whose_time_is_up() {
     while (!deadlines_.empty() && deadlines_.begin()->first <= now_) {
-        Job& job = jobs_.at(deadlines_.begin()->second);
+        const auto found = jobs_.find(deadlines_.begin()->second);
         deadlines_.erase(deadlines_.begin());
+        FRAJA_ASSERT(found != jobs_.end() && !is_over(found->second.phase));
+        Job& job = found->second;
         job.set_time_is_up();
         look_ready(job);
         if (job.all_done())

@@ -249,6 +249,10 @@ void Dispatcher::keep_company() {
             colleague.is_compared = true;
             if (std::exchange(colleague.same_as, own_digest) != own_digest)
                 note_copies_of_all(id);
+            if (id == term().leader)
+                for (auto& [job_id, job] : jobs_)
+                    if (job.phase == JobPhase::done)
+                        note_done_at_leader(job);
         } else if (now_ >= colleague.compare_at) {
             colleague.compare_at = now_ + (colleague.is_compared ? limits_.compare_interval : beat);
             tell(id, CompareJobs{});

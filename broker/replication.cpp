@@ -171,6 +171,8 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         job->waiting_for_copy.insert(broker);
     else
         tell(broker, JobKept{id});
+    if (newest_word(*job) < record.revision)
+        job->awaited.reset();
     const bool is_news = take_distrusted(id, record.distrusted);
     job = job_of(id);
     if (!job)
@@ -309,7 +311,11 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
     if (is_over(job.phase)) {
         if (const auto refused = retry(job))
             return;
+        const Duration time_limit = job.submission().settings.time_limit;
+        const bool has_deadline = deadlines_.erase({job.submitted_at + time_limit, job.id()}) > 0;
         job.submitted_at = now_ - std::max(record.age, Duration{});
+        if (has_deadline)
+            deadlines_.emplace(job.submitted_at + time_limit, job.id());
         if (const auto peer = std::exchange(job.retried_by, std::nullopt))
             send(*peer, state_of(job));
     }

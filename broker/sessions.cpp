@@ -367,6 +367,9 @@ void Dispatcher::note_own_absence(Duration since_last_step) {
     for (auto& [peer, worker] : workers_) {
         worker.heard_at = worker.heard_at + since_last_step;
         worker.moved_at = worker.moved_at + since_last_step;
+        for (auto* held : {&worker.in_hand, &worker.had_in_hand})
+            for (auto& [key, tile] : *held)
+                tile.progress_at = tile.progress_at + since_last_step;
         for (auto& [key, grant] : worker.grants)
             grant.progress_at = grant.progress_at + since_last_step;
     }

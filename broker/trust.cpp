@@ -221,7 +221,8 @@ void Dispatcher::void_tiles(Job& job, const Distrusted& who) {
                            std::string(clipped(who.reason, reason_bytes_max))};
     const Job::Voided voided = job.distrust(named);
     cancel_unwanted(job, voided.unwanted);
-    note_change(job);
+    if (!is_over(job.phase)) // or it would go before somebody's wish to have it tried again
+        note_change(job);
     if (!voided.tiles.empty())
         log({.level = LogLevel::warning,
              .kind = "tiles_voided",
@@ -288,10 +289,12 @@ void Dispatcher::heed_new_term() {
     if (identity_.keeps && !is_alone())
         persist(PutTerm{term().counter}, {});
     for (auto& [id, job] : jobs_) {
-        if (!job.is_checked() || is_over(job.phase))
+        if (!job.is_checked() || job.phase == JobPhase::done)
             continue;
         job.leader_agrees = false;
-        if (membership_.leads() || job.checks().empty())
+        if (job.awaited && job.holds_scene && job.awaited->phase == JobPhase::done)
+            job.awaited.reset(); // whoever still has come to that end says so again
+        if (membership_.leads() || job.checks().empty() || is_over(job.phase))
             continue;
         const Job::Voided voided = job.void_unchecked();
         cancel_unwanted(job, voided.unwanted);

@@ -366,6 +366,54 @@ TEST_CASE("the scene of what is tried again comes from another broker when who s
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::queued);
 }
 
+TEST_CASE("a job that another broker had tried again has one deadline, and none when it is gone") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    SubmitJob picture = Farm::picture(1, 4);
+    picture.settings.time_limit = 1min;
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(1s);
+    fleet.cut(0, 1);
+    const auto say = [&](std::uint64_t counter, JobPhase phase) {
+        JobRecord word = word_of(picture, {counter, fleet.nodes[0].id}, phase);
+        word.age = 20s; // it comes late
+        fleet.say(1, "broker 0", word);
+        CHECK(fleet.state(1, picture.job)->phase == phase);
+    };
+    say(8, JobPhase::cancelled);
+    say(9, JobPhase::queued);
+    say(10, JobPhase::cancelled);
+    fleet.kill(0);
+    fleet.pass(2min); // this one leads; its time would be up
+    CHECK_FALSE(has_logged(fleet, 1, "job_late"));
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+}
+
+TEST_CASE("an end that only a leader had told of that died is not waited for") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    SubmitJob picture = Farm::picture(1, 4);
+    picture.wishes.verify = 1;
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("w"));
+    fleet.pass(3s);
+    JobRecord word = word_of(picture, {99, fleet.nodes[0].id}, JobPhase::done);
+    word.done_count = 4;
+    fleet.say(2, "broker 0", word); // and nobody else hears it, nor gets its tiles
+    REQUIRE(fleet.state(2, picture.job)->phase != JobPhase::done);
+    fleet.kill(0);
+    for (int i = 0; i < 20; ++i) {
+        fleet.pass(1s);
+        fleet.render_all("w");
+    }
+    for (std::size_t i = 1; i < 3; ++i) {
+        CAPTURE(i);
+        CHECK(fleet.state(i, picture.job)->phase == JobPhase::done);
+    }
+}
+
 TEST_CASE("whoever says to be another broker each time takes nobody's place") {
     Dispatcher dispatcher(Dispatcher::Identity{.broker = id_of<BrokerId>(1),
                                                .epoch = 1,
