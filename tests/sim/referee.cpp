@@ -144,6 +144,8 @@ void Referee::look_at(const protocol::JobState& state) {
         strike(state.job, who.worker);
     if (std::exchange(w.epoch, state.epoch) != state.epoch && state.verify > 0 && !keeps_)
         drop(w, state.job, [](const Taken&) { return true; }); // which of them is told to nobody
+    if (std::exchange(w.number, state.number) != state.number && !keeps_)
+        drop(w, state.job, [](const Taken&) { return true; }); // given up, perhaps, and come back
     if (state.done_count < w.told_count)
         violation(state.job, "has fewer cells than before");
     w.told_count = state.done_count;
