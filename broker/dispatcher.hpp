@@ -488,6 +488,7 @@ private:
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
     [[nodiscard]] bool ends_as_told(const Job& job) const;
     void trust_as_told(Job& job);
+    void void_again();
     void note_done_at_leader(Job& job);
     void tell_doubt(const Job& job, const protocol::Distrusted& who);
     void give_no_more(const protocol::Distrusted& who);

@@ -82,13 +82,15 @@ void Dispatcher::end_gathering() {
         if (job.all_done())
             done.push_back(id);
     }
+    void_again();
     for (auto& [peer, worker] : workers_)
         if (!worker.tells_by)
             adopt_in_hand(peer, worker);
     for (const auto& [id, job] : jobs_)
         look_ready(job);
     for (const JobId& id : done)
-        end_if_done(jobs_.at(id));
+        if (Job* job = job_of(id))
+            end_if_done(*job);
     std::size_t in_hand = 0;
     for (const auto& [peer, worker] : workers_)
         in_hand += worker.grants.size();

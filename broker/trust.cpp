@@ -280,6 +280,29 @@ void Dispatcher::trust_as_told(Job& job) {
     }
 }
 
+/// Of jobs that were to end as another broker had told, and go on here after all: what workers have
+/// drawn that are known for what they are.
+void Dispatcher::void_again() {
+    std::vector<Distrusted> known;
+    for (const auto& [peer, worker] : workers_)
+        if (!worker.distrusted.empty())
+            known.push_back({worker.drawer, worker.hello.worker_name, worker.distrusted});
+    for (const auto& [id, absent] : absent_)
+        if (!absent.session.distrusted.empty())
+            known.push_back({absent.session.drawer, absent.session.hello.worker_name,
+                             absent.session.distrusted});
+    for (const Distrusted& who : known) {
+        std::vector<JobId> concerned;
+        for (const auto& [id, job] : jobs_)
+            if (job.phase != JobPhase::done && !ends_as_told(job) && !job.distrusts(who.worker) &&
+                !job.submission().settings.limited_in_time() && job.has_tiles_of(who.worker))
+                concerned.push_back(id);
+        for (const JobId& id : concerned)
+            if (Job* job = job_of(id))
+                void_tiles(*job, who);
+    }
+}
+
 /// A job that is to be checked has of other brokers only what the one that leads has. What that one
 /// has not come to check is in doubt when another begins to lead.
 void Dispatcher::heed_new_term() {

@@ -626,6 +626,41 @@ TEST_CASE("what was not checked is told, also of a job that was cancelled and tr
     }
 }
 
+TEST_CASE("a liar's tiles go from what was to end with them, and goes on here after all") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    const SubmitJob picture = Farm::picture(1, 4);
+    SubmitJob other = Farm::picture(2, 4);
+    (void)fleet.submit(0, "c", picture);
+    (void)fleet.submit(0, "c", other);
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("w"));
+    fleet.pass(2s);
+    REQUIRE(fleet.state(1, picture.job)->done_count + fleet.state(1, other.job)->done_count == 1);
+    const bool is_first = fleet.state(1, picture.job)->done_count == 1;
+    const SubmitJob &ended = is_first ? picture : other, &found_in = is_first ? other : picture;
+    fleet.cut(0, 1);
+    JobRecord word = word_of(ended, {9, fleet.nodes[0].id}, JobPhase::done);
+    word.done_count = 4; // of which the others do not come
+    fleet.say(1, "broker 0", word);
+    fleet.say(1, "broker 0",
+              word_of(found_in, {9, fleet.nodes[0].id}, JobPhase::running,
+                      {{id_of<WorkerId>(1), "w", "it lies"}}));
+    CHECK(fleet.state(1, ended.job)->done_count == 1); // as it was told
+    fleet.kill(0);
+    fleet.pass(9s);
+    REQUIRE(fleet.leaders() == std::vector<std::size_t>{1});
+    CHECK(fleet.state(1, ended.job)->done_count == 0);
+    CHECK(fleet.state(1, ended.job)->distrusted.size() == 1);
+    fleet.worker_arrives("v", 2, 1);
+    fleet.pass(1s);
+    fleet.render_all("v");
+    fleet.pass(1s);
+    CHECK(fleet.state(1, ended.job)->phase == JobPhase::done);
+    CHECK(fleet.state(1, found_in.job)->phase == JobPhase::done);
+}
+
 TEST_CASE("a worker whose tiles are in what is done is trusted again in the store, too") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);
