@@ -67,8 +67,7 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
         job.probe = Job::Probe::wanted;
     job.submitted_at = now_;
     keep_phase(job);
-    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
-        deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
+    set_deadline(job);
     look_ready(job);
     log_deed(job, JobDeed::retry);
     return std::nullopt;

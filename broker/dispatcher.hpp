@@ -335,6 +335,8 @@ private:
     void find_job(const PeerId& peer, const protocol::FindJob& find);
     void end_job(Job& job, protocol::JobPhase phase, const std::string& reason,
                  protocol::FailureCode fault = protocol::FailureCode::machine);
+    void set_deadline(const Job& job);
+    void clear_deadline(const Job& job);
     void withdraw(Job& job, protocol::JobPhase phase);
     void forget(JobId id);
     void discard(JobId id);
@@ -487,6 +489,7 @@ private:
     [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from) const;
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
     [[nodiscard]] bool ends_as_told(const Job& job) const;
+    [[nodiscard]] bool can_do_without_tiles(const Job& job) const;
     void trust_as_told(Job& job);
     void void_again();
     void note_done_at_leader(Job& job);
@@ -539,6 +542,7 @@ private:
     [[nodiscard]] protocol::BrokerState broker_state() const;
     [[nodiscard]] protocol::WorkerState worker_state(const WorkerSession& worker) const;
     [[nodiscard]] std::uint64_t epoch_of(const Job& job) const;
+    [[nodiscard]] std::uint64_t epoch_of_tiles(const Job& job) const;
     [[nodiscard]] protocol::TileDone as_sent_now(const Job& job, protocol::TileDone tile) const;
     /// Of tiles that came until then.
     void repair(const PeerId& peer, const protocol::Repair& repair,

@@ -372,8 +372,7 @@ void Dispatcher::acknowledge(Job& job) {
     job.phase = JobPhase::queued;
     job.acknowledged_at = now_;
     counters_.jobs_acknowledged += job.is_adopted ? 0 : 1;
-    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
-        deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
+    set_deadline(job);
     const SubmitJob& s = job.submission();
     want_probe(job);
     look_ready(job);
@@ -428,6 +427,17 @@ void Dispatcher::find_job(const PeerId& peer, const FindJob& find) {
     send(peer, state_of(*found.front()));
 }
 
+/// Of a job with a time limit, when it is wanted: once, as long as it is the same.
+void Dispatcher::set_deadline(const Job& job) {
+    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
+        deadlines_.emplace(job.submitted_at + s.time_limit, job.id());
+}
+
+/// Before it is submitted at another time, and when it is over.
+void Dispatcher::clear_deadline(const Job& job) {
+    deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
+}
+
 /// The pictures of jobs with a time limit are as good as they get.
 void Dispatcher::end_jobs_whose_time_is_up() {
     while (!deadlines_.empty() && deadlines_.begin()->first <= now_) {
@@ -452,8 +462,7 @@ void Dispatcher::withdraw(Job& job, JobPhase phase) {
     const std::vector<Job::Unwanted> assigned = job.drop_unfinished();
     job.phase = phase;
     look_ready(job);
-    if (job.acknowledged_at)
-        deadlines_.erase({job.submitted_at + job.submission().settings.time_limit, job.id()});
+    clear_deadline(job);
     cancel_unwanted(job, assigned);
 }
 

@@ -200,8 +200,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     const auto scene = event.scenes.find(job.submission().scene);
     if (scene == event.scenes.end() && job.is_partial_copy() && job.revision == Revision{})
         return;
-    if (const PictureSettings& s = job.submission().settings; s.limited_in_time())
-        deadlines_.emplace(job.submitted_at + s.time_limit, id);
+    set_deadline(job);
     if (scene == event.scenes.end() || scene->second.size() != job.submission().scene_bytes ||
         !blobs_.acquire(scene->first, scene->second.size()))
         return end_job(job, JobPhase::failed, "its scene is not in the store any more");

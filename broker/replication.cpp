@@ -311,11 +311,9 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
     if (is_over(job.phase)) {
         if (const auto refused = retry(job))
             return;
-        const Duration time_limit = job.submission().settings.time_limit;
-        const bool has_deadline = deadlines_.erase({job.submitted_at + time_limit, job.id()}) > 0;
+        clear_deadline(job);
         job.submitted_at = now_ - std::max(record.age, Duration{});
-        if (has_deadline)
-            deadlines_.emplace(job.submitted_at + time_limit, job.id());
+        set_deadline(job);
         if (const auto peer = std::exchange(job.retried_by, std::nullopt))
             send(*peer, state_of(job));
     }

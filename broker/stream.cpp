@@ -138,8 +138,12 @@ std::uint64_t Dispatcher::epoch_of(const Job& job) const {
     return is_of_before ? job.done_in : term().counter;
 }
 
+std::uint64_t Dispatcher::epoch_of_tiles(const Job& job) const {
+    return std::min(epoch_of(job), heeded_term_.counter);
+}
+
 TileDone Dispatcher::as_sent_now(const Job& job, TileDone tile) const {
-    tile.epoch = std::min(epoch_of(job), heeded_term_.counter);
+    tile.epoch = epoch_of_tiles(job);
     return tile;
 }
 
@@ -169,9 +173,8 @@ void Dispatcher::repair(const PeerId& peer, const Repair& wish, Instant until) {
         return true;
     });
     if (!stored.empty())
-        actions_->push_back(SendStored{peer, job->id(), std::move(stored),
-                                       std::min(epoch_of(*job), heeded_term_.counter),
-                                       version_of(peer)});
+        actions_->push_back(
+            SendStored{peer, job->id(), std::move(stored), epoch_of_tiles(*job), version_of(peer)});
     send(peer, RepairDone{state_of(*job), left});
 }
 

@@ -76,9 +76,8 @@ void Dispatcher::end_gathering() {
         job.revive();
         job.probe = Job::Probe::over;
         want_probe(job);
-        if (const PictureSettings& s = job.submission().settings;
-            s.limited_in_time() && job.holds_scene)
-            deadlines_.emplace(job.submitted_at + s.time_limit, id);
+        if (job.holds_scene)
+            set_deadline(job);
         if (job.all_done())
             done.push_back(id);
     }

@@ -187,13 +187,18 @@ void Dispatcher::give_no_more(const Distrusted& who) {
             give_no_more(peer, worker, who.reason);
 }
 
+/// What is missing can be drawn again. One that failed or was cancelled may be tried again.
+bool Dispatcher::can_do_without_tiles(const Job& job) const {
+    return job.phase != JobPhase::done && !ends_as_told(job) &&
+           !job.submission().settings.limited_in_time();
+}
+
 void Dispatcher::void_all_tiles(const Distrusted& who, const JobId& found_in) {
     std::vector<JobId> concerned;
     for (const auto& [id, job] : jobs_) {
         if (job.distrusts(who.worker) || (id != found_in && !job.has_tiles_of(who.worker)))
             continue;
-        if (job.phase != JobPhase::done && !ends_as_told(job) && // another one may be tried again
-            !job.submission().settings.limited_in_time())
+        if (can_do_without_tiles(job))
             concerned.push_back(id);
         else
             tell_doubt(job, who);
@@ -294,8 +299,8 @@ void Dispatcher::void_again() {
     for (const Distrusted& who : known) {
         std::vector<JobId> concerned;
         for (const auto& [id, job] : jobs_)
-            if (job.phase != JobPhase::done && !ends_as_told(job) && !job.distrusts(who.worker) &&
-                !job.submission().settings.limited_in_time() && job.has_tiles_of(who.worker))
+            if (can_do_without_tiles(job) && !job.distrusts(who.worker) &&
+                job.has_tiles_of(who.worker))
                 concerned.push_back(id);
         for (const JobId& id : concerned)
             if (Job* job = job_of(id))
