@@ -182,6 +182,8 @@ std::vector<Checks::Unwanted> Checks::forget(const WorkerId& worker) {
 }
 
 std::uint32_t Checks::give_up(const HasOthers& has_others) {
+    if (!contested_.empty())
+        return 0;
     std::vector<CheckId> hopeless;
     for (const auto& [first, checks] : pending_) {
         std::optional<bool> has_second; // of those that nobody has failed at: the same for all
@@ -194,10 +196,9 @@ std::uint32_t Checks::give_up(const HasOthers& has_others) {
                 hopeless.push_back(id);
         }
     }
-    for (const CheckId id : hopeless) {
-        leave(id);
-        open_.erase(id);
-    }
+    if (hopeless.size() < open_.size())
+        return 0;
+    clear();
     const auto count = static_cast<std::uint32_t>(hopeless.size());
     counts_.unchecked += count;
     return count;

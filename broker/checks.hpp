@@ -86,7 +86,9 @@ public:
     };
     /// Nothing that it said counts: its own tiles are not checked any more. What was assigned.
     [[nodiscard]] std::vector<Unwanted> forget(const WorkerId& worker);
-    /// Those go for which there is nobody: but none that is contested. How many.
+    /// All go, where there is nobody for any of them and none is contested. How many. As long as
+    /// one is left the others stay: somebody may come for them, too, and where the job goes on at
+    /// another broker, they tell which tiles nobody has borne out.
     std::uint32_t give_up(const HasOthers& has_others);
     /// All are pending. What was assigned.
     [[nodiscard]] std::vector<Unwanted> take_all_back();

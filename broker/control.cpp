@@ -2,6 +2,7 @@
 #include "broker/dispatcher.hpp"
 
 #include "common/base/text.hpp"
+#include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -46,6 +47,10 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
     if (job.phase != JobPhase::failed && job.phase != JobPhase::cancelled)
         return refused(RefusalCode::invalid,
                        "only a job that failed or was cancelled can be tried again");
+    if (job.distrusted().size() >= distrusted_max) // it may have tiles of one more
+        return refused(RefusalCode::limit_exceeded,
+                       std::to_string(distrusted_max) +
+                           " workers have answered wrong pixels for it: submit it again");
     if (!job.acknowledged_at || !job.holds_scene || !blobs_.complete(job.submission().scene))
         return refused(RefusalCode::invalid, "its scene is not here: submit it again");
     if (const auto full = objection_to_one_more())

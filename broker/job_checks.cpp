@@ -110,7 +110,8 @@ Job::Voided Job::void_unchecked() {
     undo(voided.tiles);
     voided.unwanted = drop_unfinished();
     checks_.clear();
-    revive();
+    if (!is_over(phase))
+        revive();
     return voided;
 }
 

@@ -322,7 +322,7 @@ void Dispatcher::heed_new_term() {
         job.leader_agrees = false;
         if (job.awaited && job.holds_scene && job.awaited->phase == JobPhase::done)
             job.awaited.reset(); // whoever still has come to that end says so again
-        if (membership_.leads() || job.checks().empty() || is_over(job.phase))
+        if (membership_.leads() || job.checks().empty())
             continue;
         const Job::Voided voided = job.void_unchecked();
         cancel_unwanted(job, voided.unwanted);

@@ -20,7 +20,7 @@ constexpr Duration silence_max = 2s;
 constexpr Duration fruitless_pause = 250ms; // after a repair that should have brought a tile
 
 /// That nothing is left though cells are missing: somebody else's question was answered; or, in the
-/// end, the broker cannot read what it has stored.
+/// end, the broker cannot read what it has stored, or believes others.
 constexpr std::uint32_t odd_answers_max = 8;
 
 /// Who is asked has by then heard of a later epoch, unless nobody has it any more: of several
@@ -344,6 +344,9 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
              (has_as_many_as(done.state) || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more
+    else if (all_told && is_over(done.state.phase) && !repair_brought_any_ &&
+             done.state.distrusted != state_.distrusted && ++odd_answers_ >= odd_answers_max)
+        take_whole(now, done.state, actions);
     else if (!all_told || is_over(state_.phase))
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;
     else
@@ -366,6 +369,17 @@ bool Follower::is_lost_epoch(Instant now, const protocol::JobState& asked) {
     else
         behind_since_ = std::min(behind_since_, now);
     return asked.epoch < state_.epoch && now - behind_since_ >= epoch_patience;
+}
+
+/// Of brokers that have both come to an end each may distrust other workers, and whoever told of
+/// one that is not believed here may be gone: it is the picture of the one that is asked then.
+void Follower::take_whole(Instant now, const protocol::JobState& state,
+                          std::vector<Action>& actions) {
+    odd_answers_ = 0;
+    state_ = state;
+    withdraw(now, actions);
+    actions.push_back(News(StateChanged{state_}));
+    repair_wanted_ = now;
 }
 
 /// Whether the state is about this job and can be. Shows it when it is newer.

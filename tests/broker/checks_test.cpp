@@ -116,5 +116,22 @@ TEST_CASE("a check that a worker cannot draw is for others, and is given up wher
     CHECK(checks.counts() == protocol::CheckCounts{0, 1});
 }
 
+TEST_CASE("what nobody is there for stays open as long as anything else is") {
+    const Tile other_tile{0, {1, 0, 1, 1}};
+    Checks checks;
+    checks.add(one_tile, said(1, 7));
+    CHECK(answer(checks, said(2, 6), 2).empty());
+    REQUIRE(checks.contested());
+    checks.add(other_tile, said(1, 7));
+    CHECK(checks.give_up(others_of(1)) == 0);
+    CHECK(checks.tiles() == std::vector{one_tile, other_tile});
+    CHECK(answer(checks, said(3, 7), 3) == std::vector{id_of<WorkerId>(2)});
+    CHECK(checks.forget(id_of<WorkerId>(2)).empty());
+    CHECK(checks.tiles() == std::vector{other_tile}); // the third is there for it now
+    CHECK(checks.give_up(others_of(3)) == 0);
+    CHECK(checks.give_up(others_of(1)) == 1);
+    CHECK(checks.empty());
+}
+
 } // namespace
 } // namespace fraja::broker

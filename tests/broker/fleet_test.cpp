@@ -587,7 +587,7 @@ TEST_CASE("tiles of a worker that is distrusted go from a job that was cancelled
     }
 }
 
-TEST_CASE("what was not checked is told, also of a job that was cancelled and tried again") {
+TEST_CASE("what nobody could check is checked after all, as long as the job is not through") {
     Fleet fleet(2);
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 2);
@@ -607,13 +607,15 @@ TEST_CASE("what was not checked is told, also of a job that was cancelled and tr
         fleet.pass(1s);
         fleet.render_all("w");
     }
-    REQUIRE(fleet.state(0, picture.job)->checks.unchecked == 1);
+    REQUIRE(fleet.state(0, picture.job)->done_count == 2);
     REQUIRE_FALSE(is_over(fleet.state(0, picture.job)->phase));
-    fleet.say(1, "c", ControlJob{picture.job, JobDeed::cancel, 0});
-    fleet.pass(1s);
-    REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::cancelled);
-    CHECK(fleet.state(0, picture.job)->checks.unchecked == 1);
-    fleet.say(0, "c", ControlJob{picture.job, JobDeed::retry, 0});
+    SUBCASE("it goes on") {}
+    SUBCASE("it is cancelled, and tried again") {
+        fleet.say(1, "c", ControlJob{picture.job, JobDeed::cancel, 0});
+        fleet.pass(1s);
+        REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::cancelled);
+        fleet.say(0, "c", ControlJob{picture.job, JobDeed::retry, 0});
+    }
     fleet.worker_arrives("v", 3, 1);
     for (int i = 0; i < 9; ++i) {
         fleet.pass(1s);
@@ -622,8 +624,37 @@ TEST_CASE("what was not checked is told, also of a job that was cancelled and tr
     }
     for (std::size_t i = 0; i < 2; ++i) {
         CHECK(fleet.state(i, picture.job)->phase == JobPhase::done);
-        CHECK(fleet.state(i, picture.job)->checks.unchecked == 1);
+        CHECK(fleet.state(i, picture.job)->checks.agreed == 2);
+        CHECK(fleet.state(i, picture.job)->checks.unchecked == 0);
     }
+}
+
+TEST_CASE("what an earlier leader had not checked goes from what was cancelled as well") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    SubmitJob picture = Farm::picture(1, 4);
+    picture.wishes.verify = 1;
+    (void)fleet.submit(0, "c", picture);
+    for (std::size_t i = 0; i < 3; ++i)
+        fleet.event(i, TopicSubscribed{job_topic(picture.job)});
+    fleet.pass(100ms);
+    REQUIRE(fleet.render_one("w"));
+    fleet.pass(3s);
+    fleet.say(0, "c", ControlJob{picture.job, JobDeed::cancel, 0});
+    fleet.pass(1s);
+    for (std::size_t i = 0; i < 3; ++i) {
+        REQUIRE(fleet.state(i, picture.job)->phase == JobPhase::cancelled);
+        REQUIRE(fleet.state(i, picture.job)->done_count == 1);
+    }
+    fleet.kill(0);
+    fleet.pass(5s);
+    REQUIRE(fleet.leaders().size() == 1);
+    const std::size_t leads = fleet.leaders()[0], follows = 3 - leads;
+    CHECK(fleet.published(leads, picture.job) == 1);
+    CHECK(fleet.published(follows, picture.job) == 2); // it has gone, and come from there
+    for (std::size_t i = 1; i < 3; ++i)
+        CHECK(fleet.state(i, picture.job)->done_count == 1);
 }
 
 TEST_CASE("a liar's tiles go from what was to end with them, and goes on here after all") {

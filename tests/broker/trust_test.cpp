@@ -455,6 +455,11 @@ TEST_CASE("a job that would distrust more than distrusted_max workers fails") {
     CHECK(state.phase == JobPhase::failed);
     CHECK(state.reason == "more than 64 workers have answered wrong pixels");
     CHECK(state.distrusted.size() == distrusted_max);
+    farm.say("client", ControlJob{job, JobDeed::retry, 0});
+    const auto refused = farm.last<Refused>("client");
+    CHECK(refused.code == RefusalCode::limit_exceeded);
+    CHECK(refused.reason == "64 workers have answered wrong pixels for it: submit it again");
+    CHECK(farm.state(job).phase == JobPhase::failed);
 }
 
 } // namespace

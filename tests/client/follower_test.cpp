@@ -191,6 +191,33 @@ TEST_CASE("what a distrusted worker has drawn is missing again, and comes from o
     CHECK(f.follower.is_complete());
 }
 
+TEST_CASE("whom only a broker distrusts that is gone counts in the end as the others have it") {
+    Following f;
+    const WorkerId liar{{2}};
+    const auto tile = [&](std::uint32_t index) {
+        protocol::TileDone done = tile_of(f.job, index);
+        done.worker = index == 1 ? liar : WorkerId{{1}};
+        return done;
+    };
+    f.job.phase = protocol::JobPhase::done;
+    f.job.done_count = 4;
+    protocol::JobState gone = f.job;
+    gone.distrusted = {{liar, "b", "it lies"}};
+    f.step(FromStream{gone});
+    int asked = 0;
+    for (; asked < 100 && !f.follower.is_complete(); ++asked) {
+        f.now = f.now + 1s;
+        f.step(Tick{});
+        for (std::uint32_t i = 0; i < 4; ++i)
+            f.step(FromBroker{tile(i)});
+        f.step(FromBroker{protocol::RepairDone{f.job, 0}});
+    }
+    CHECK(asked > 4);
+    CHECK(asked < 20);
+    CHECK(f.follower.state().distrusted.empty());
+    CHECK(f.follower.have_count() == 4);
+}
+
 TEST_CASE("of a job that is checked only what the broker has counts, also when it is another one") {
     for (const double verify : {0.0, 0.5}) {
         CAPTURE(verify);
