@@ -345,9 +345,12 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
              (has_as_many_as(done.state) || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more
     else if (all_told && is_over(done.state.phase) && !repair_brought_any_ &&
-             done.state.distrusted != state_.distrusted && ++odd_answers_ >= odd_answers_max)
-        take_whole(now, done.state, actions);
-    else if (!all_told || is_over(state_.phase))
+             done.state.distrusted != state_.distrusted && ++odd_answers_ >= odd_answers_max) {
+        // Both have come to an end, and whoever told of one that is not believed here may be gone.
+        odd_answers_ = 0;
+        show(now, done.state, actions);
+        repair_wanted_ = now;
+    } else if (!all_told || is_over(state_.phase))
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause;
     else
         repair_wanted_ = now + silence_max;
@@ -371,15 +374,10 @@ bool Follower::is_lost_epoch(Instant now, const protocol::JobState& asked) {
     return asked.epoch < state_.epoch && now - behind_since_ >= epoch_patience;
 }
 
-/// Of brokers that have both come to an end each may distrust other workers, and whoever told of
-/// one that is not believed here may be gone: it is the picture of the one that is asked then.
-void Follower::take_whole(Instant now, const protocol::JobState& state,
-                          std::vector<Action>& actions) {
-    odd_answers_ = 0;
+void Follower::show(Instant now, const protocol::JobState& state, std::vector<Action>& actions) {
     state_ = state;
     withdraw(now, actions);
     actions.push_back(News(StateChanged{state_}));
-    repair_wanted_ = now;
 }
 
 /// Whether the state is about this job and can be. Shows it when it is newer.
@@ -404,9 +402,7 @@ bool Follower::adopt(Instant now, const protocol::JobState& state, bool asked,
         else
             has_of_earlier_epochs_ = true;
     }
-    state_ = state;
-    withdraw(now, actions);
-    actions.push_back(News(StateChanged{state_}));
+    show(now, state, actions);
     return true;
 }
 

@@ -68,7 +68,7 @@ private:
     [[nodiscard]] protocol::TileDone part_of(const protocol::TileDone& tile,
                                              const protocol::CellRect& cells) const;
     [[nodiscard]] bool is_lost_epoch(Instant now, const protocol::JobState& asked);
-    void take_whole(Instant now, const protocol::JobState& state, std::vector<Action>& actions);
+    void show(Instant now, const protocol::JobState& state, std::vector<Action>& actions);
     [[nodiscard]] bool adopt(Instant now, const protocol::JobState& state, bool asked,
                              std::vector<Action>& actions);
     void tick(Instant now, std::vector<Action>& actions);
