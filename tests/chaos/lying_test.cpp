@@ -2,9 +2,10 @@
 #include "common/protocol/limits.hpp"
 #include "common/protocol/probe.hpp"
 #include "tests/chaos/peer.hpp"
-#include "tests/e2e/farm.hpp"
+#include "tests/e2e/ring.hpp"
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -17,8 +18,9 @@ namespace {
 /// Draws nothing, and is faster than anybody else.
 class LyingWorker {
 public:
-    explicit LyingWorker(const std::string& endpoint)
-        : thread_([endpoint](const std::stop_token& stop) { run(stop, endpoint); }) {}
+    explicit LyingWorker(const std::string& endpoint, const std::string& name = "liar",
+                         const std::optional<net::Keys>& keys = {})
+        : thread_([=](const std::stop_token& stop) { run(stop, endpoint, name, keys); }) {}
 
 private:
     static protocol::TileRendered answer_to(const protocol::RenderTile& order) {
@@ -37,10 +39,11 @@ private:
         answer.blobs = cut(Blob(Bytes(bytes)), protocol::chunk_bytes);
         return answer;
     }
-    static void run(const std::stop_token& stop, const std::string& endpoint) {
-        const net::Context context;
+    static void run(const std::stop_token& stop, const std::string& endpoint,
+                    const std::string& name, const std::optional<net::Keys>& keys) {
+        const net::Context context(keys);
         Peer peer(context, endpoint);
-        peer.say(hello_of("liar", 2));
+        peer.say(hello_of(name, 2));
         std::uint64_t received = 0;
         Instant next_beat{};
         while (!stop.stop_requested()) {
@@ -102,6 +105,37 @@ TEST_CASE("a worker that answers wrong pixels is found and named, and the pictur
     // It gets nothing any more, whether anybody looks or not.
     CHECK(farm.submit(with(picture, {"-o", scratch.file("next.png")})).exit == 0);
     CHECK((bytes_of(scratch.file("next.png")) == want));
+}
+
+TEST_CASE("two liars with one key have one voice, and lie for nothing") {
+    const Scratch scratch;
+    const Ring ring;
+    ring.allow(
+        {{"worker", "worker"}, {"second", "worker"}, {"branch", "worker"}, {"ada", "submit"}});
+    const Words picture{scene("cone"), "-r", "160x120", "--tile", "16"};
+    Farm farm(ring.broker_options());
+    for (const char* name : {"worker", "second"})
+        farm.add_worker(name, {"-j", "1", "--key-file", ring.file(name)});
+    const net::Keys keys{*net::key_pair(ring.key("branch"), ring.secret("branch")),
+                         *net::parse_public_key(ring.key("farm"))};
+    const LyingWorker liar(farm.endpoint(), "liar-1", keys), twin(farm.endpoint(), "liar-2", keys);
+    for (const char* name : {"liar-1", "liar-2"})
+        REQUIRE(farm.broker()
+                    .wait_for_words(Process::Stream::err,
+                                    std::string("worker ") + name + " is here", patience)
+                    .has_value());
+    const auto checked =
+        farm.submit(with(picture, {"--verify", "100%", "--json", "--key-file", ring.file("ada"),
+                                   "-o", scratch.file("x.png")}));
+    INFO(checked.err);
+    CHECK(checked.exit == 0);
+    CHECK((bytes_of(scratch.file("x.png")) == local_picture(scratch, picture)));
+    CHECK(contains(checked.err, "answers wrong pixels"));
+    const auto report = nlohmann::json::parse(checked.out);
+    REQUIRE(report.at("distrusted").size() == 1); // whatever they call themselves
+    CHECK(report.at("distrusted")[0].at("name").get<std::string>().starts_with("liar-"));
+    CHECK(report.at("checks").at("agreed") == 80);
+    CHECK(report.at("checks").at("unchecked") == 0);
 }
 
 TEST_CASE(
