@@ -71,6 +71,9 @@ std::optional<Refused> Dispatcher::retry(Job& job) {
     if (job.probe == Job::Probe::in_flight) // nobody listened when it came
         job.probe = Job::Probe::wanted;
     job.submitted_at = now_;
+    if (job.is_kept) // it was copied without its scene, perhaps, which has come from elsewhere now
+        persist(PutBlob{job.submission().scene, blobs_.chunks(job.submission().scene)},
+                {.job = job.id()});
     keep_phase(job);
     set_deadline(job);
     look_ready(job);

@@ -186,8 +186,14 @@ void Session::on_message(Turn& turn, const protocol::Dismissed& message) {
 void Session::on_message(Turn& turn, const protocol::Brokers& message) {
     if (!is_connected())
         return;
-    term_ = std::max(term_, message.term);
+    hear_term(message.term);
     beat(turn);
+}
+
+/// A broker that stands alone begins none in the middle of a session.
+void Session::hear_term(const protocol::Term& term) {
+    is_of_several_ = is_of_several_ || term_ < term;
+    term_ = std::max(term_, term);
 }
 
 void Session::on_message(Turn&, const protocol::Beat&) {

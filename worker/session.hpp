@@ -179,7 +179,7 @@ public:
     /// From now on these are its allies; they must be there until others are named.
     void set_allies(std::vector<const Session*> allies) {
         allies_ = std::move(allies);
-        has_had_allies_ = has_had_allies_ || !allies_.empty();
+        is_of_several_ = is_of_several_ || !allies_.empty();
     }
     /// The sessions of one worker count their tickets together.
     void share_tickets(std::uint64_t& last_ticket) { shared_tickets_ = &last_ticket; }
@@ -310,6 +310,7 @@ private:
     /// Of its allies and itself.
     [[nodiscard]] std::size_t tiles_in_hand() const;
     [[nodiscard]] protocol::Term greatest_term() const;
+    void hear_term(const protocol::Term& term);
     [[nodiscard]] Instant silence_deadline() const { return heard_ + heartbeat_ * liveness_; }
     [[nodiscard]] Instant chunk_deadline(const SceneOnShelf& scene) const {
         return scene.asked + heartbeat_ * limits_.chunk_patience_beats;
@@ -339,7 +340,7 @@ private:
     Instant leave_by_ = Instant::never();               // draining, with no tile left
 
     std::vector<const Session*> allies_;
-    bool has_had_allies_ = false;
+    bool is_of_several_ = false; // its broker stands with others, or has
     std::vector<protocol::Message> answers_for_allies_;
 
     std::uint64_t own_tickets_ = 0;

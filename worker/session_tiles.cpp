@@ -140,7 +140,7 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
                  name_of(message) + " is of a broker that leads no more");
         return beat(turn);
     }
-    term_ = std::max(term_, message.term);
+    hear_term(message.term);
     if (state_ == State::draining)
         return refuse(FailureCode::cancelled, "this worker is leaving");
     if (const protocol::RenderTile* known = find_at_allies(message)) {
@@ -150,10 +150,10 @@ void Session::on_message(Turn& turn, const protocol::RenderTile& message) {
         note_oddity(turn, name_of(message) + " bears another tile's name");
         return refuse(FailureCode::machine, "another tile of this name is at hand");
     }
-    // While one broker takes over from another, both may have filled the credit.
-    if (tiles_in_hand() >= (has_had_allies_ ? 2 : 1) * std::size_t{credit()}) {
+    // While one broker takes over from another, or from itself, both may have filled the credit.
+    if (tiles_in_hand() >= (is_of_several_ ? 2 : 1) * std::size_t{credit()}) {
         note_oddity(turn, name_of(message) + " is beyond the credit");
-        if (has_had_allies_) // its broker did not know of what others gave: it is not to blame
+        if (is_of_several_) // its broker did not know of these: it is not to blame
             return beat(turn);
         return refuse(FailureCode::machine, "beyond this worker's credit");
     }

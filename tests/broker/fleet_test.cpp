@@ -270,6 +270,24 @@ TEST_CASE("a job that is over is tried again where it was copied without its sce
     CHECK(fleet.state(1, job)->phase == JobPhase::done);
 }
 
+TEST_CASE("what is tried again has its scene in the store, too, wherever that comes from") {
+    Fleet fleet(2, {}, true);
+    fleet.pass(4s);
+    const SubmitJob picture = Farm::picture(1, 3);
+    fleet.say(1, "broker 0", word_of(picture, {1, fleet.nodes[0].id}, JobPhase::cancelled));
+    fleet.pass(100ms);
+    REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::cancelled);
+    fleet.say(1, "broker 0", word_of(picture, {2, fleet.nodes[0].id}, JobPhase::queued));
+    const auto keeps_scene = [&](const Write& write) {
+        const auto* blob = std::get_if<PutBlob>(&write);
+        return blob && blob->hash == picture.scene;
+    };
+    REQUIRE(std::ranges::none_of(fleet.nodes[1].kept, keeps_scene));
+    fleet.say(1, "broker 0", Farm::scene_chunk());
+    CHECK(std::ranges::any_of(fleet.nodes[1].kept, keeps_scene));
+    CHECK_FALSE(is_over(fleet.state(1, picture.job)->phase));
+}
+
 TEST_CASE("tiles that only a broker had that is gone are not waited for for ever") {
     Limits limits;
     limits.copy_lag = 1h; // its tiles are still on their way when it dies

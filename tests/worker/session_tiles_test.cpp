@@ -114,8 +114,13 @@ TEST_CASE("session takes no tile beyond its credit, and none twice") {
 TEST_CASE("what is beyond the credit is nobody's fault where other brokers have been") {
     SessionDriver driver, other;
     driver.connect();
-    driver.session.set_allies({&other.session});
-    driver.session.set_allies({}); // of which none is left
+    SUBCASE("as its session knows") {
+        driver.session.set_allies({&other.session});
+        driver.session.set_allies({}); // of which none is left
+    }
+    SUBCASE("as its broker's terms tell") {
+        (void)driver.receive(Brokers{{1'000, {}}, {}});
+    }
     const TestScene scene(10);
     for (std::uint32_t i = 0; i < 8; ++i)
         CHECK(sent<TileFailed>(driver.receive(order(scene, i))).empty());
