@@ -291,12 +291,17 @@ void Dispatcher::ask_others_for_scene(const ContentHash& scene) {
 /// What a scene that does not come takes up, others may need.
 void Dispatcher::give_up_scenes_that_do_not_come() {
     const auto is_stuck = [this](const auto& entry) {
-        return is_waiting_for_scene(entry.second) &&
-               now_ - entry.second.scene_came_on_at > limits_.scene_patience;
+        const Job& job = entry.second;
+        return is_waiting_for_scene(job) &&
+               now_ - job.scene_came_on_at > (job.is_adopted && job.client().empty()
+                                                  ? limits_.partial_copy_patience
+                                                  : limits_.scene_patience);
     };
     // One at a time: the next may have been asked for its scene just now.
     for (auto stuck = jobs_.end(); (stuck = std::ranges::find_if(jobs_, is_stuck)) != jobs_.end();)
-        give_up_scene(stuck->second, "its client did not send the scene");
+        give_up_scene(stuck->second, stuck->second.client().empty()
+                                         ? "no broker has its scene any more"
+                                         : "its client did not send the scene");
 }
 
 void Dispatcher::take_chunk(const PeerId& peer, const Chunk& chunk) {

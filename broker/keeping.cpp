@@ -54,7 +54,11 @@ void Dispatcher::keep_job(Job& job) {
     job.is_kept = true;
     if (blobs_.complete(s.scene))
         persist(PutBlob{s.scene, blobs_.chunks(s.scene)}, {.job = job.id()});
-    persist(PutJob{s, job.number(), job.passes(), job.revision},
+    // A copy of what is over has no scene: it must not seem to go on, whenever this broker dies.
+    const JobPhase phase = is_over(job.phase) ? job.phase
+                           : job.holds_scene  ? JobPhase{}
+                                              : JobPhase::paused;
+    persist(PutJob{s, job.number(), job.passes(), job.revision, phase},
             {.job = job.id(), .acknowledges = true});
 }
 

@@ -86,9 +86,9 @@ struct Limits {
     Duration copy_lag = std::chrono::seconds(1);
     /// A job is acknowledged without a copy when nobody who is here has kept one for so long.
     Duration copy_patience = std::chrono::seconds(2);
-    /// A copy of a finished job is given up that has not got a tile for so long: whoever had them
-    /// is gone.
-    Duration tiles_patience = std::chrono::minutes(1);
+    /// A copy is given up that has got no tile, or no part of its scene, for so long that it lacks:
+    /// whoever had them is gone.
+    Duration partial_copy_patience = std::chrono::minutes(1);
     std::size_t copies_asked_max = 64; ///< jobs at once, of one broker
 
     Duration heartbeat = std::chrono::seconds(1);

@@ -461,7 +461,7 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
 void Dispatcher::give_up_tiles_that_do_not_come() {
     std::vector<JobId> lost;
     for (const auto& [id, job] : jobs_)
-        if (job.is_partial_copy() && now_ - job.scene_came_on_at > limits_.tiles_patience)
+        if (job.is_partial_copy() && now_ - job.scene_came_on_at > limits_.partial_copy_patience)
             lost.push_back(id);
     for (const JobId& id : lost) {
         const Job& job = jobs_.at(id);

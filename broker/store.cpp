@@ -204,7 +204,7 @@ Result<void> Store::put_pieces(std::int64_t blob, const std::vector<Blob>& piece
 Result<void> Store::put(const PutJob& job) {
     const protocol::SubmitJob& submission = job.submission;
     const Bytes body = protocol::encode(submission).body;
-    const auto phase = static_cast<std::int64_t>(protocol::JobPhase{});
+    const auto phase = static_cast<std::int64_t>(job.phase);
     if (const auto done = put_job_.run(key_of(submission.job), job.number, job.passes,
                                        std::span<const std::byte>(body), key_of(submission.scene),
                                        submission.priority, phase, now(), counter_of(job.revision),

@@ -30,6 +30,7 @@ struct PutJob {
     std::uint32_t number = 0;
     std::uint32_t passes = 1;
     protocol::Revision revision{};
+    protocol::JobPhase phase{}; ///< of a copy that has no scene: over, or paused
 };
 struct PutTile {
     std::shared_ptr<const protocol::TileDone> tile; ///< not null

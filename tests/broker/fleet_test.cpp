@@ -288,6 +288,37 @@ TEST_CASE("what is tried again has its scene in the store, too, wherever that co
     CHECK_FALSE(is_over(fleet.state(1, picture.job)->phase));
 }
 
+TEST_CASE("a copy that is killed before its end is in the store does not go on when it is back") {
+    for (const JobPhase phase : {JobPhase::cancelled, JobPhase::failed, JobPhase::done}) {
+        CAPTURE(phase);
+        Fleet fleet(2, {}, true);
+        fleet.pass(4s);
+        JobRecord word = word_of(Farm::picture(1, 3), {1, fleet.nodes[0].id}, phase);
+        word.done_count = 3;
+        fleet.say(1, "broker 0", word);
+        const auto& kept = fleet.nodes[1].kept;
+        const auto put = std::ranges::find_if(
+            kept, [](const Write& write) { return std::holds_alternative<PutJob>(write); });
+        REQUIRE(put != kept.end());
+        CHECK(std::get<PutJob>(*put).phase == (phase == JobPhase::done ? JobPhase::paused : phase));
+    }
+}
+
+TEST_CASE("a scene that only a broker had that is gone is not waited for for ever") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    const SubmitJob picture = Farm::picture(1, 3);
+    fleet.say(1, "broker 0", word_of(picture, {1, fleet.nodes[0].id}, JobPhase::queued));
+    fleet.kill(0);
+    fleet.pass(fleet.limits.partial_copy_patience - 2s);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::waiting_for_scene);
+    fleet.pass(4s);
+    CHECK_FALSE(fleet.state(1, picture.job).has_value());
+    (void)fleet.submit(1, "c", picture); // as its client does, that hears that
+    fleet.pass(3s);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::queued);
+}
+
 TEST_CASE("tiles that only a broker had that is gone are not waited for for ever") {
     Limits limits;
     limits.copy_lag = 1h; // its tiles are still on their way when it dies
@@ -308,7 +339,7 @@ TEST_CASE("tiles that only a broker had that is gone are not waited for for ever
     REQUIRE(fleet.state(1, picture.job)->phase == JobPhase::paused);
     fleet.say(1, "c", ControlJob{picture.job, JobDeed::resume, 0});
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::paused); // it has no scene
-    fleet.pass(fleet.limits.tiles_patience + 2s);
+    fleet.pass(fleet.limits.partial_copy_patience + 2s);
     CHECK_FALSE(fleet.state(1, picture.job));
     (void)fleet.submit(1, "e", picture); // its client, which hears that
     fleet.pass(3s);

@@ -173,7 +173,7 @@ TEST_CASE("after a restart the tiles of another broker's job are waited for as b
     partial.submission.scene.bytes[0] ^= 1; // it has none
     Farm farm({}, true);
     farm.event(restored({partial}));
-    farm.pass(farm.limits.tiles_patience);
+    farm.pass(farm.limits.partial_copy_patience);
     CHECK(farm.state(partial.submission.job).done_count == 1);
     farm.pass(2s);
     farm.client_arrives("c");

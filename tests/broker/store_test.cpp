@@ -63,6 +63,16 @@ TEST_CASE("a new store is empty") {
     CHECK(mode == std::filesystem::perms::owner_all); // nobody else's
 }
 
+TEST_CASE("a copy without its scene is kept with its phase") {
+    const TempDirectory directory;
+    Rng rng(1);
+    PutJob copy = job_of(rng, 1);
+    copy.phase = protocol::JobPhase::cancelled;
+    Store store = open_store(directory.path());
+    commit(store, {copy});
+    CHECK(contents_of(store).jobs.at(0).phase == copy.phase);
+}
+
 TEST_CASE("what was committed is there when the store is opened again") {
     for_each_seed(10, [](Rng& rng) {
         const TempDirectory directory;

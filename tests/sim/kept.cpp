@@ -31,6 +31,7 @@ void Kept::put(const broker::PutJob& put, Duration now) {
         at->second.job.number = put.number;
         at->second.job.passes = put.passes;
         at->second.job.revision = put.revision;
+        at->second.job.phase = put.phase;
         at->second.submitted_at = now;
     }
     std::erase_if(tombstones_, [&](const auto& tombstone) { return tombstone.first == id; });
