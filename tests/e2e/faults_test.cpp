@@ -141,7 +141,8 @@ TEST_CASE("a job waits for workers that come later") {
     Farm farm;
     Process client =
         farm.start_submit({scene("cone"), "-r", "40x30", "-o", scratch.file("cone.png")});
-    const auto queued = farm.broker().wait_for_words(Process::Stream::err, "queued", patience);
+    const auto queued =
+        farm.broker().wait_for_words(Process::Stream::err, " pixels queued", patience);
     CHECK(queued.has_value());
     farm.add_worker("late");
     CHECK(client.wait_for_exit(patience) == 0);

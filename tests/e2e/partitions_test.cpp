@@ -38,7 +38,7 @@ public:
               "fraja-submit",
               with(longer_picture(), {"-b", brokers_.endpoint(0), "-o", scratch_.file("farm.png")}),
               &network_, host_client)) {
-        brokers_.wait_for(0, "queued");
+        brokers_.wait_for(0, " pixels queued");
         for (Process* worker : {&one_, &two_})
             wait_for(*worker, ": done in ");
     }

@@ -43,29 +43,68 @@ std::optional<protocol::Refused> claim_to_be_broker(const net::Context& context,
 
 } // namespace
 
-TEST_CASE("any but one of several brokers may die in the middle of a job") {
+TEST_CASE("any but one of several brokers may die in the middle of a job, one by one or at once") {
+    struct Row {
+        std::size_t count;
+        std::vector<std::vector<std::size_t>> deaths; ///< those who die at once
+        std::size_t left;
+    };
     const Scratch scratch;
     const std::string want = local_picture(scratch, long_picture());
-    for (const std::size_t count : {3u, 5u}) {
-        if (instrumented && count > 3)
-            break;
-        CAPTURE(count);
-        Brokers brokers(count);
-        Process one = start_worker(brokers, "one");
-        Process two = start_worker(brokers, "two");
+    std::vector<Row> rows{{3, {{0}, {1}}, 2}};
+    if (!instrumented)
+        rows = {{3, {{0, 1}}, 2},
+                {3, {{1, 2}}, 0},
+                {5, {{0}, {1}, {2}, {3}}, 4},
+                {5, {{0, 1, 3, 4}}, 2}};
+    for (const Row& row : rows) {
+        CAPTURE(row.count);
+        CAPTURE(row.left);
+        Brokers brokers(row.count);
+        const Process one = start_worker(brokers, "one"), two = start_worker(brokers, "two");
         Process client = start_program(
             "fraja-submit",
             with(long_picture(), {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
-        brokers.wait_for(0, "queued");
-        for (std::size_t dead = 0; dead + 1 < count; ++dead) {
-            brokers.kill(dead);
-            brokers.wait_for(dead + 1, "this broker leads");
+        brokers.wait_for(1, " pixels queued");
+        Process watcher = start_program("fraja-watch", {"-b", brokers.endpoint(1), "--json", "#1"});
+        for (const std::vector<std::size_t>& dead : row.deaths) {
+            wait_for_tiles(watcher, 3);
+            for (const std::size_t i : dead)
+                brokers.at(i).send(SIGKILL);
+            for (const std::size_t i : dead)
+                (void)brokers.at(i).wait_for_exit(patience);
         }
-        INFO(brokers.at(count - 1).err());
+        INFO(brokers.at(row.left).err());
         INFO(client.err());
+        INFO(watcher.err());
         CHECK(client.wait_for_exit(patience) == 0);
         CHECK((bytes_of(scratch.file("farm.png")) == want));
+        CHECK(watcher.wait_for_exit(patience) == 0);
+        check_each_pixel_once(tile_lines(watcher.out()), instrumented ? 100 : 320,
+                              instrumented ? 75 : 240);
     }
+}
+
+TEST_CASE("a broker may come, another may be told to go, and the new one may be the last") {
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    Brokers brokers(2);
+    const Process one = start_worker(brokers, "one");
+    Process client = start_program(
+        "fraja-submit",
+        with(long_picture(), {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
+    brokers.wait_for(0, " pixels queued");
+    brokers.start(2); // nobody was told of it
+    brokers.wait_for(2, "has all that the other brokers have");
+    brokers.wait_for(2, "worker one is here");
+    brokers.at(0).send(SIGTERM);
+    CHECK(brokers.at(0).wait_for_exit(patience) == 0);
+    brokers.kill(1);
+    brokers.wait_for(2, "has taken over");
+    INFO(brokers.at(2).err());
+    INFO(client.err());
+    CHECK(client.wait_for_exit(patience) == 0);
+    CHECK((bytes_of(scratch.file("farm.png")) == want));
 }
 
 TEST_CASE("emulated workers that are told of all brokers serve those that are left") {
@@ -84,7 +123,7 @@ TEST_CASE("emulated workers that are told of all brokers serve those that are le
     Process client = start_program(
         "fraja-submit", with(picture, {"-b", brokers.endpoint(0), "-o", scratch.file("farm.png")}));
     for (std::size_t dead = 0; dead + 1 < brokers.count(); ++dead) {
-        brokers.wait_for(dead, dead == 0 ? "queued" : "this broker leads");
+        brokers.wait_for(dead, dead == 0 ? " pixels queued" : "has taken over");
         brokers.kill(dead);
     }
     INFO(brokers.at(2).err());
@@ -101,7 +140,7 @@ TEST_CASE("a broker that comes back is given all, and the next one may die") {
     Process client = start_program(
         "fraja-submit",
         with(long_picture(), {"-b", brokers.endpoint(1), "-o", scratch.file("farm.png")}));
-    brokers.wait_for(0, "queued");
+    brokers.wait_for(0, " pixels queued");
     brokers.kill(0);
     brokers.wait_for(1, "this broker leads");
     brokers.start(0);
@@ -169,7 +208,7 @@ TEST_CASE("brokers with keys stand for each other, and nobody else does") {
         start_program("fraja-submit", with(long_picture(), {"-b", brokers.endpoint(0), "--key-file",
                                                             ring.file("ada"), "--verify", "0.2",
                                                             "-o", scratch.file("farm.png")}));
-    brokers.wait_for(0, "queued");
+    brokers.wait_for(0, " pixels queued");
     for (std::size_t dead = 0; dead < 2; ++dead) {
         brokers.kill(dead);
         brokers.wait_for(dead + 1, "this broker leads");
