@@ -488,7 +488,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
 } // namespace
 
 int main(int argc, char** argv) {
-    keep_all_freed_memory(); // the next picture needs as much
+    keep_all_freed_memory(); // the next picture needs as much; see give_back_interval
     const net::SignalWatch signals({SIGINT, SIGTERM, SIGHUP, SIGUSR1});
     const std::vector<std::string> words = cli::arguments_of(argc, argv);
     Arguments arguments;

@@ -4,6 +4,7 @@
 #include "broker/restore.hpp"
 #include "broker/store_reader.hpp"
 #include "broker/store_writer.hpp"
+#include "common/base/freed_memory.hpp"
 #include "common/base/once.hpp"
 #include "common/base/text.hpp"
 #include "common/net/clock.hpp"
@@ -25,6 +26,9 @@ namespace fraja::broker {
 namespace {
 
 constexpr int messages_per_turn_max = 1'000; // then the clock is looked at again
+/// What pictures took that are gone goes back to the system so often. All the time it would cost a
+/// tile more than its way through the broker does.
+constexpr Duration give_back_interval = std::chrono::minutes(1);
 constexpr Duration keyless_told_interval = std::chrono::minutes(10);
 
 Duration since_1970() {
@@ -120,13 +124,15 @@ public:
         step(Tick{});
         while (!control.stopping() && !stopped_by_signal_) {
             report_if_due();
+            give_back_if_due();
             std::vector<net::Waitable> waitables{router_, publisher_, control.waker().fd(),
                                                  waker_.fd()};
             if (options_.signals)
                 waitables.emplace_back(options_.signals->fd());
             for (const auto& [endpoint, broker] : dialled_)
                 waitables.emplace_back(broker.socket);
-            Instant deadline = std::min(dispatcher_.next_deadline(), next_report_);
+            Instant deadline =
+                std::min({dispatcher_.next_deadline(), next_report_, next_give_back_});
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
                 if (const net::Socket* socket = upstream_->socket())
@@ -150,6 +156,12 @@ public:
     }
 
 private:
+    void give_back_if_due() {
+        if (const Instant now = net::now(); now >= next_give_back_) {
+            next_give_back_ = now + give_back_interval;
+            give_back_freed_memory();
+        }
+    }
     void report_if_due() {
         const Instant now = net::now();
         if (now < next_report_)
@@ -442,6 +454,7 @@ private:
     std::optional<Upstream> upstream_;
     Report report_; ///< the next one
     Instant next_report_;
+    Instant next_give_back_ = net::now() + give_back_interval;
     std::uint64_t keyless_untold_ = 0;
     Once keyless_told_{keyless_told_interval, 1};
     std::vector<Action> actions_;

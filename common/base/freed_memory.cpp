@@ -32,4 +32,10 @@ void keep_all_freed_memory() {
     set_malloc(arena_part_bytes, arena_part_bytes); // with such a pad no part seems to be to spare
 }
 
+void give_back_freed_memory() {
+#ifdef __GLIBC__
+    malloc_trim(0);
+#endif
+}
+
 } // namespace fraja
