@@ -43,6 +43,8 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
         forget_what_is_old();
         forget_absent_workers();
         add_up_capacity();
+        if (!is_alone())
+            look_what_is_drawn_elsewhere();
     }
     if (deals_out()) {
         end_jobs_whose_time_is_up();

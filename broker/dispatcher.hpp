@@ -107,6 +107,7 @@ private:
     struct InHand {
         protocol::TileInFlight tile;
         Instant progress_at;
+        Instant seen_at; ///< first
     };
     struct WorkerSession {
         protocol::WorkerHello hello;
@@ -260,7 +261,8 @@ private:
     void count_those_of_others(const PeerId& peer, WorkerSession& worker);
     void await_telling(const PeerId& peer, WorkerSession& worker);
     void wait_no_longer_for_silent_workers();
-    void take_witnessed(const WorkerSession& worker, const protocol::TileRendered& answer);
+    void take_witnessed(WorkerSession& worker, const protocol::TileRendered& answer,
+                        Duration longest);
 
     // sessions.cpp: who is there
     void on(const PeerSaid& event);
@@ -437,6 +439,9 @@ private:
 
     // tiles.cpp: and what becomes of it
     [[nodiscard]] TilesBegun begun(const Job& job) const;
+    void count_begun(TilesBegun& all, const Job& job, const Tile& tile, double work,
+                     double speed) const;
+    void look_what_is_drawn_elsewhere();
     [[nodiscard]] std::optional<Grant> end_grant(const PeerId& peer, WorkerSession& worker,
                                                  const GrantKey& key);
     void tile_rendered(const PeerId& peer, WorkerSession& worker,
@@ -448,7 +453,7 @@ private:
         Duration elapsed{};
         double work = 0;
     };
-    Rendered count_rendered(Job& job, WorkerSession& worker, const Grant& grant,
+    Rendered count_rendered(Job& job, WorkerSession& worker, Duration longest,
                             const protocol::TileRendered& answer);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);

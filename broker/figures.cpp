@@ -49,10 +49,10 @@ void Dispatcher::count_workers(Figures& all) const {
         ++(!worker.distrusted.empty() ? all.workers_distrusted
            : worker.quarantined_until ? all.workers_quarantined
            : is_draining              ? all.workers_draining
-           : worker.grants.empty()    ? all.workers_idle
+           : worker.held() == 0       ? all.workers_idle
                                       : all.workers_busy);
         all.credit += worker.room();
-        all.tiles_in_flight += worker.grants.size();
+        all.tiles_in_flight += worker.held();
     }
     all.threads = threads_with_credit_;
 }

@@ -497,7 +497,9 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun
             .job = id(),
             .number = number_,
             .job_name = submission_.job_name,
-            .phase = phase,
+            .phase = phase == protocol::JobPhase::queued && elsewhere.tiles > 0
+                         ? protocol::JobPhase::running
+                         : phase,
             .reason = reason,
             .scene = submission_.scene,
             .settings = s,
@@ -510,8 +512,8 @@ protocol::JobState Job::state(std::uint64_t epoch, Instant now, const TilesBegun
                               : costs_.share_done(begun),
             .share_per_s = s.limited_in_time() ? 0 : costs_.share_per_s(begun),
             .priority = priority,
-            .in_flight_count = static_cast<std::uint32_t>(in_flight_count_),
-            .worker_count = static_cast<std::uint32_t>(workers_.size()),
+            .in_flight_count = static_cast<std::uint32_t>(in_flight_count_) + elsewhere.tiles,
+            .worker_count = static_cast<std::uint32_t>(workers_.size()) + elsewhere.workers,
             .film_worker_count =
                 party_->is_film() ? static_cast<std::uint32_t>(party_->workers().size()) : 0,
             .rays = rays_,

@@ -309,6 +309,11 @@ public:
     std::uint32_t number_wanted = 0; ///< another job has it at the moment; 0: it has its own
     /// A newer word about it that cannot be followed yet: its scene or tiles are still to come.
     std::optional<protocol::JobRecord> awaited;
+    /// Of its tiles that another broker has handed out, by their workers' words.
+    struct HandedOutElsewhere {
+        std::uint32_t tiles = 0, workers = 0;
+        TilesBegun begun;
+    } elsewhere;
 
     [[nodiscard]] const protocol::Rays& rays() const { return rays_; }
     [[nodiscard]] Duration render_time() const { return render_time_; }

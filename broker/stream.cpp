@@ -62,7 +62,7 @@ WorkerState Dispatcher::worker_state(const WorkerSession& worker) const {
             .program_version = worker.hello.program_version,
             .threads = worker.hello.threads,
             .credit = worker.credit,
-            .in_flight_count = static_cast<std::uint32_t>(worker.grants.size()),
+            .in_flight_count = static_cast<std::uint32_t>(worker.held()),
             .tiles_done = worker.tiles_done,
             .rays = worker.rays,
             .draining = worker.drained || worker.credit == 0,

@@ -63,6 +63,7 @@ void Dispatcher::begin_to_lead() {
 
 void Dispatcher::end_gathering() {
     gathers_until_.reset();
+    look_what_is_drawn_elsewhere();
     std::vector<JobId> done;
     for (auto& [id, job] : jobs_) {
         // Whoever said so is gone, and its tiles with it. They can be drawn again with the scene.
@@ -135,7 +136,8 @@ void Dispatcher::note_in_hand(const PeerId& peer, WorkerSession& worker, const W
         const GrantKey key{tile.job, tile.tile, tile.attempt};
         const InHand* before = last_of(worker, key);
         const bool moves = before && tile.rays > before->tile.rays;
-        now.emplace(key, InHand{tile, before && !moves ? before->progress_at : now_});
+        now.emplace(key, InHand{tile, before && !moves ? before->progress_at : now_,
+                                before ? before->seen_at : now_});
         if (moves)
             worker.moved_at = now_;
     }
@@ -198,11 +200,14 @@ void Dispatcher::wait_no_longer_for_silent_workers() {
 }
 
 /// A tile that another broker has handed out: workers answer all.
-void Dispatcher::take_witnessed(const WorkerSession& worker, const TileRendered& answer) {
+void Dispatcher::take_witnessed(WorkerSession& worker, const TileRendered& answer,
+                                Duration longest) {
     Job* job = job_of(answer.job);
     if (!job || answer.rect.empty() || is_over(job->phase) ||
-        job->phase == JobPhase::waiting_for_scene ||
-        (job->is_checked() && !deals_out())) // it comes from the one that leads
+        job->phase == JobPhase::waiting_for_scene)
+        return;
+    const Rendered rendered = count_rendered(*job, worker, longest, answer);
+    if (job->is_checked() && !deals_out()) // it comes from the one that leads
         return;
     const auto tile = job->tile_of(answer);
     if (!tile)
@@ -212,8 +217,7 @@ void Dispatcher::take_witnessed(const WorkerSession& worker, const TileRendered&
         return;
     }
     ++counters_.tiles_done;
-    counters_.rays += answer.rays;
-    take_result(*job, OpenTileId::none, *tile, static_cast<double>(answer.rays.total()),
+    take_result(*job, OpenTileId::none, *tile, rendered.work,
                 std::make_shared<TileDone>(TileDone{.job = job->id(),
                                                     .tile = answer.tile,
                                                     .frame = job->submission().wishes.frame,
@@ -221,7 +225,7 @@ void Dispatcher::take_witnessed(const WorkerSession& worker, const TileRendered&
                                                     .rect = answer.rect,
                                                     .worker_name = worker.hello.worker_name,
                                                     .rays = answer.rays,
-                                                    .elapsed = std::max(answer.elapsed, Duration{}),
+                                                    .elapsed = rendered.elapsed,
                                                     .worker = worker.drawer,
                                                     .blobs = answer.blobs}));
 }

@@ -24,13 +24,46 @@ constexpr double worth_max = 1e9; // workers may say anything of their rays
 
 } // namespace
 
+void Dispatcher::count_begun(TilesBegun& all, const Job& job, const Tile& tile, double work,
+                             double speed) const {
+    const double thought = job.costs().work(tile.cells); // by what is known now
+    all.work += work;
+    all.thought += thought;
+    all.expected += std::max(thought, work + late_share * (work - thought));
+    all.per_s += speed;
+}
+
+/// Whoever asks this broker is told what is done of its jobs, whichever broker leads.
+void Dispatcher::look_what_is_drawn_elsewhere() {
+    for (auto& [id, job] : jobs_)
+        job.elsewhere = {};
+    if (deals_out())
+        return;
+    for (const auto& [peer, worker] : workers_) {
+        const double speed = speed_of(worker);
+        const JobId* last = nullptr;
+        for (const auto& [key, held] : worker.in_hand) { // by jobs
+            Job* job = job_of(key.job);
+            if (!job || is_over(job->phase))
+                continue;
+            ++job->elsewhere.tiles;
+            job->elsewhere.workers += !last || *last != key.job;
+            last = &key.job;
+            if (const auto tile = job->tile_at(held.tile.pass, held.tile.rect);
+                tile && held.tile.rays > 0)
+                count_begun(job->elsewhere.begun, *job, *tile, static_cast<double>(held.tile.rays),
+                            speed);
+        }
+    }
+}
+
 /// The job's tiles that are being drawn, going by their workers' speeds and by when they began; of
 /// those whose scene has to come first, by what has been heard. None of a picture with a time
 /// limit, which the clock tells all of.
 TilesBegun Dispatcher::begun(const Job& job) const {
-    TilesBegun all;
     if (job.submission().settings.limited_in_time())
-        return all;
+        return {};
+    TilesBegun all = job.elsewhere.begun;
     for (const auto& [peer, count] : job.workers()) {
         const auto worker = workers_.find(peer);
         if (worker == workers_.end())
@@ -46,11 +79,7 @@ TilesBegun Dispatcher::begun(const Job& job) const {
                 continue;
             const double work = grant.fetches_scene ? static_cast<double>(grant.rays)
                                                     : seconds(now_ - *grant.started_at) * speed;
-            const double thought = job.costs().work(grant.tile.cells); // by what is known now
-            all.work += work;
-            all.thought += thought;
-            all.expected += std::max(thought, work + late_share * (work - thought));
-            all.per_s += speed;
+            count_begun(all, job, grant.tile, work, speed);
         }
     }
     return all;
@@ -85,6 +114,9 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
                                const TileRendered& answer) {
     const GrantKey key{answer.job, answer.tile, answer.attempt};
     worker.moved_at = now_;
+    // Its next beat after it was given it would have told.
+    const InHand* held = last_of(worker, key);
+    const Duration longest = limits_.heartbeat + (held ? now_ - held->seen_at : Duration{});
     const auto grant = end_grant(peer, worker, key);
     Job* job = job_of(answer.job);
     if (!worker.distrusted.empty() || (job && job->distrusts(worker.drawer))) {
@@ -94,7 +126,7 @@ void Dispatcher::tile_rendered(const PeerId& peer, WorkerSession& worker,
         return;
     }
     if (!is_alone() && (!grant || (grant->adopted && grant->id == OpenTileId::none)))
-        return take_witnessed(worker, answer);
+        return take_witnessed(worker, answer, longest);
     if (!grant || !job || is_over(job->phase)) {
         ++counters_.stale_answers;
         return;
@@ -172,10 +204,10 @@ void Dispatcher::learn_speed(WorkerSession& worker, double rays, Duration elapse
     worth_of_rays_ = std::clamp(worth_of_rays_ * (1 + change), 1 / worth_max, worth_max);
 }
 
-/// The worker cannot have rendered for longer than it has had the tile.
-Dispatcher::Rendered Dispatcher::count_rendered(Job& job, WorkerSession& worker, const Grant& grant,
+/// `longest`: that it can have rendered, as it has not had the tile for longer.
+Dispatcher::Rendered Dispatcher::count_rendered(Job& job, WorkerSession& worker, Duration longest,
                                                 const TileRendered& answer) {
-    const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), now_ - grant.granted_at);
+    const Duration elapsed = std::clamp(answer.elapsed, Duration::zero(), longest);
     ++worker.tiles_done;
     worker.rays += answer.rays;
     counters_.rays += answer.rays;
@@ -188,7 +220,7 @@ Dispatcher::Rendered Dispatcher::count_rendered(Job& job, WorkerSession& worker,
 
 void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                         const TileRendered& answer) {
-    const auto [elapsed, work] = count_rendered(job, worker, grant, answer);
+    const auto [elapsed, work] = count_rendered(job, worker, now_ - grant.granted_at, answer);
     ++counters_.tiles_done;
     auto result = std::make_shared<TileDone>(TileDone{.job = job.id(),
                                                       .tile = answer.tile,

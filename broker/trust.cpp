@@ -88,7 +88,7 @@ void Dispatcher::check_rendered(Job& job, WorkerSession& worker, const Grant& gr
         ++counters_.answers_unneeded;
         return;
     }
-    (void)count_rendered(job, worker, grant, answer);
+    (void)count_rendered(job, worker, now_ - grant.granted_at, answer);
     const std::uint32_t agreed = job.checks().counts().agreed;
     const std::vector<WorkerId> wrong = job.answer_check(
         grant.check, {worker.drawer, worker.hello.worker_name, pixels_hash(answer.blobs)});

@@ -169,6 +169,52 @@ TEST_CASE("the next broker takes over, and what workers have in hand is not draw
     }
 }
 
+TEST_CASE("whoever asks a broker that stands by is told what is drawn, and by whom") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    fleet.worker_arrives("v", 2, 2);
+    const SubmitJob picture = Farm::picture(1, 9);
+    (void)fleet.submit(1, "c", picture);
+    fleet.pass(100ms);
+    for (std::size_t i = 0; i < 2; ++i)
+        fleet.event(i, TopicSubscribed{std::string(farm_topic)});
+    const auto workers = [&](std::size_t i) {
+        std::map<std::string, WorkerState> states;
+        for (const Publish& told : fleet.nodes[i].stream)
+            if (const auto* farm = std::get_if<FarmState>(&told.message))
+                for (const WorkerState& state : farm->workers)
+                    states[state.worker_name] = state;
+        return states;
+    };
+    REQUIRE(fleet.render_one("w"));
+    fleet.pass(2s);
+    for (std::size_t i = 0; i < 2; ++i) {
+        CAPTURE(i);
+        const JobState state = *fleet.state(i, picture.job);
+        CHECK(state.phase == JobPhase::running);
+        CHECK(state.in_flight_count == 4);
+        CHECK(state.worker_count == 2);
+        CHECK(state.done_count == 1);
+        CHECK(state.share_per_s > 0);
+        CHECK(fleet.at(i).figures().tiles_in_flight == 4);
+        CHECK(fleet.at(i).figures().workers_busy == 2);
+        const auto told = workers(i);
+        CHECK(told.at("w").in_flight_count == 2);
+        CHECK(told.at("w").tiles_done == 1);
+        CHECK(told.at("v").tiles_done == 0);
+        CHECK(told.at("w").rays.total() > 0);
+    }
+    fleet.kill(0);
+    fleet.pass(2s);
+    CHECK(fleet.state(1, picture.job)->in_flight_count == 4); // each once
+    fleet.render_all("w");
+    fleet.render_all("v");
+    fleet.pass(1s);
+    CHECK(fleet.state(1, picture.job)->phase == JobPhase::done);
+    CHECK(fleet.state(1, picture.job)->in_flight_count == 0);
+}
+
 TEST_CASE("a broker that comes back has all that the others have, and does not take the lead") {
     Fleet fleet(2);
     fleet.pass(4s);
