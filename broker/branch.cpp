@@ -12,8 +12,6 @@ using worker::SessionIndex;
 
 namespace {
 
-constexpr SessionIndex only_session{};
-
 /// Which codes a session takes for the scene's fault and which for this machine's.
 ErrorCode code_of(protocol::FailureCode code) {
     switch (code) {
@@ -30,27 +28,29 @@ ErrorCode code_of(protocol::FailureCode code) {
 } // namespace
 
 /// It is compiled where it is drawn.
-void Branch::perform(SessionIndex, worker::CompileScene action) {
+void Branch::perform(SessionIndex session, worker::CompileScene action) {
     Blob text = joined(action.chunks);
     if (protocol::content_hash(text) != action.scene)
         return results_.push_back(
-            {only_session, worker::SceneFailed{
-                               action.scene,
-                               {ErrorCode::malformed_frame,
-                                "the scene's bytes do not have the hash they were asked for by"}}});
-    scenes_[action.scene] = std::move(text);
-    results_.push_back({only_session, worker::SceneCompiled{action.scene}});
+            {session, worker::SceneFailed{
+                          action.scene,
+                          {ErrorCode::malformed_frame,
+                           "the scene's bytes do not have the hash they were asked for by"}}});
+    Scene& scene = scenes_[action.scene];
+    scene.text = std::move(text);
+    scene.wanted_by.insert(session);
+    results_.push_back({session, worker::SceneCompiled{action.scene}});
 }
 
-void Branch::perform(SessionIndex, const worker::StartTile& action) {
+void Branch::perform(SessionIndex session, const worker::StartTile& action) {
     const JobId id = new_id();
-    orders_[id] = {action.ticket, action.rect, action.settings.pixel_bytes()};
+    orders_[id] = {session, action.ticket, action.rect, action.settings.pixel_bytes()};
     order_of_[action.ticket] = id;
     events_.push_back(Ordered{{.id = id,
                                .pass = action.pass,
                                .rect = action.rect,
                                .scene = action.scene,
-                               .scene_text = scenes_.at(action.scene),
+                               .scene_text = scenes_.at(action.scene).text,
                                .settings = action.settings,
                                .probe_side = action.probe_side}});
 }
@@ -64,18 +64,22 @@ void Branch::perform(SessionIndex, const worker::StopTile& action) {
     order_of_.erase(order);
 }
 
-void Branch::perform(SessionIndex, const worker::ForgetScene& action) {
-    scenes_.erase(action.scene);
+void Branch::perform(SessionIndex session, const worker::ForgetScene& action) {
+    const auto scene = scenes_.find(action.scene);
+    if (scene != scenes_.end() && scene->second.wanted_by.erase(session) > 0 &&
+        scene->second.wanted_by.empty())
+        scenes_.erase(scene);
 }
 
 std::vector<worker::PoolResult> Branch::take_results() {
     return std::exchange(results_, {});
 }
 
-std::vector<worker::TileProgress> Branch::progress(SessionIndex) const {
+std::vector<worker::TileProgress> Branch::progress(SessionIndex session) const {
     std::vector<worker::TileProgress> progress;
     for (const OrderProgress& order : progress_())
-        if (const auto given = orders_.find(order.id); given != orders_.end())
+        if (const auto given = orders_.find(order.id);
+            given != orders_.end() && given->second.session == session)
             progress.push_back({given->second.ticket, order.rays});
     return progress;
 }
@@ -101,16 +105,17 @@ void Branch::take(const OrderFilled& filled, std::uint64_t threads) {
             pixels.place(part->rect, part->blobs);
         blobs = pixels.blobs(given.rect);
     }
-    results_.push_back(
-        {only_session, worker::TileFinished{given.ticket, filled.rays, elapsed, std::move(blobs)}});
+    results_.push_back({given.session, worker::TileFinished{given.ticket, filled.rays, elapsed,
+                                                            std::move(blobs)}});
 }
 
 void Branch::take(const OrderFailed& failed) {
     const auto order = orders_.find(failed.id);
     if (order == orders_.end())
         return;
-    results_.push_back({only_session, worker::TileBroken{order->second.ticket,
-                                                         {code_of(failed.code), failed.reason}}});
+    results_.push_back(
+        {order->second.session,
+         worker::TileBroken{order->second.ticket, {code_of(failed.code), failed.reason}}});
     order_of_.erase(order->second.ticket);
     orders_.erase(order);
 }

@@ -1,5 +1,5 @@
 // Branch: what makes a broker a worker of another one. It stands where a worker has its render
-// threads: the tiles that its session is sent become orders for the dispatcher, which are split
+// threads: the tiles that its sessions are sent become orders for the dispatcher, which are split
 // among this broker's own workers, and what they draw is put together again.
 #pragma once
 
@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -24,7 +25,7 @@ public:
     Branch(std::function<std::vector<OrderProgress>()> progress, Rng rng)
         : progress_(std::move(progress)), rng_(rng) {}
 
-    // What the session wants; one session.
+    // What sessions want.
     void perform(worker::SessionIndex session, worker::CompileScene action) override;
     void perform(worker::SessionIndex session, const worker::StartTile& action) override;
     void perform(worker::SessionIndex session, const worker::StopTile& action) override;
@@ -42,7 +43,12 @@ public:
     void take(const OrderFailed& failed);
 
 private:
+    struct Scene {
+        Blob text;
+        std::set<worker::SessionIndex> wanted_by;
+    };
     struct Given {
+        worker::SessionIndex session{};
         worker::Ticket ticket{};
         PixelRect rect;
         std::uint64_t pixel_bytes = 0;
@@ -51,7 +57,7 @@ private:
 
     std::function<std::vector<OrderProgress>()> progress_;
     Rng rng_;
-    std::map<ContentHash, Blob> scenes_;
+    std::map<ContentHash, Scene> scenes_;
     std::map<JobId, Given> orders_;
     std::map<worker::Ticket, JobId> order_of_;
     std::vector<Event> events_;

@@ -98,17 +98,19 @@ Result<void> complete_endpoint(const char* option, std::string& endpoint) {
 
 Result<void> complete_upstream(broker::Options& options) {
     broker::UpstreamOptions& upstream = options.upstream;
-    if (upstream.broker.empty())
+    if (upstream.brokers.empty())
         return {};
-    if (auto done = complete_endpoint("--upstream", upstream.broker); !done)
-        return done;
-    if (const auto own = net::parse_endpoint(options.bind, net::broker_port);
-        own && net::to_string(*own) == upstream.broker)
-        return Error{ErrorCode::invalid_argument, "--upstream " + upstream.broker +
-                                                      ": that is where this broker listens itself"};
+    const auto own = net::parse_endpoint(options.bind, net::broker_port);
+    for (std::string& broker : upstream.brokers) {
+        if (auto done = complete_endpoint("--upstream", broker); !done)
+            return done;
+        if (own && net::to_string(*own) == broker)
+            return Error{ErrorCode::invalid_argument,
+                         "--upstream " + broker + ": that is where this broker listens itself"};
+    }
     upstream.name = worker::default_worker_name();
     worker::WorkerOptions as_worker;
-    as_worker.brokers = {upstream.broker};
+    as_worker.brokers = upstream.brokers;
     as_worker.name = upstream.name;
     as_worker.tags = upstream.tags;
     return worker::validate(as_worker);
@@ -121,7 +123,7 @@ Result<void> complete_peers(broker::Options& options) {
     if (!options.advertise.empty())
         if (auto done = complete_endpoint("--advertise", options.advertise); !done)
             return done;
-    if (!options.peers.empty() && !options.upstream.broker.empty())
+    if (!options.peers.empty() && !options.upstream.brokers.empty())
         return Error{ErrorCode::invalid_argument,
                      "--peer, --upstream: brokers that stand for each other serve no other one"};
     if (options.peers.size() + 1 > protocol::brokers_max)
@@ -322,9 +324,12 @@ void describe(CLI::App& app, Arguments& arguments) {
         ->envname("FRAJA_ANNOUNCE")
         ->check(CLI::IsMember(std::vector<std::string>(announce_ways.begin(), announce_ways.end())))
         ->type_name("WAY");
-    app.add_option("--upstream", options.upstream.broker,
+    app.add_option("--upstream", options.upstream.brokers,
                    "Another broker, tcp://HOST:PORT, that this one serves as a worker: what it "
-                   "sends is split among the workers here")
+                   "sends is split among the workers here; of several that stand for each other "
+                   "one is enough, a comma list names more")
+        ->delimiter(',')
+        ->allow_extra_args(false)
         ->type_name("ENDPOINT");
     app.add_option("--upstream-tag", options.upstream.tags,
                    "K or K=V, which it is told; repeatable")
@@ -375,7 +380,7 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
     if (!options.allow.empty() && arguments.keys.file.empty())
         return mistake("--allow is of no use without a key of the farm's own: --key-file FILE, as "
                        "fraja-ctl keygen makes it");
-    if (!arguments.keys.file.empty() && options.allow.empty() && options.upstream.broker.empty())
+    if (!arguments.keys.file.empty() && options.allow.empty() && options.upstream.brokers.empty())
         return mistake("--key-file: who else may come in? --allow FILE says it");
     if (!arguments.http.empty()) {
         const auto address = broker::status_address(arguments.http, options.insecure);
@@ -393,7 +398,7 @@ std::optional<cli::EarlyExit> read_arguments(const std::vector<std::string>& wor
 /// Brokers that stand for each other are one to their peers, so they have one key.
 Result<std::optional<net::Keys>> read_keys(const Arguments& arguments) {
     auto keys = service::read_keys(arguments.keys, true);
-    if (!keys || !*keys || !arguments.options.upstream.broker.empty())
+    if (!keys || !*keys || !arguments.options.upstream.brokers.empty())
         return keys;
     if (!arguments.options.peers.empty() && (*keys)->broker != (*keys)->own.public_key)
         return Error{ErrorCode::invalid_argument,

@@ -108,10 +108,10 @@ public:
                        .endpoint = endpoint_for_others(options, router_.endpoint()),
                        .peers = options.peers,
                        .check_key = random_number(),
-                       .is_branch = !options.upstream.broker.empty()},
+                       .is_branch = !options.upstream.brokers.empty()},
                       options.limits),
           next_report_(options.on_report ? Instant{} : Instant::never()) {
-        if (!options.upstream.broker.empty())
+        if (!options.upstream.brokers.empty())
             upstream_.emplace(
                 context, options.upstream, [this] { return dispatcher_.order_progress(); },
                 options.on_log);
@@ -135,7 +135,7 @@ public:
                 std::min({dispatcher_.next_deadline(), next_report_, next_give_back_});
             if (upstream_) {
                 deadline = std::min(deadline, upstream_->next_deadline());
-                if (const net::Socket* socket = upstream_->socket())
+                for (const net::Socket* socket : upstream_->sockets())
                     waitables.emplace_back(*socket);
             }
             net::wait(waitables, deadline - net::now());

@@ -1,6 +1,7 @@
 #include "broker/upstream.hpp"
 
 #include "common/net/clock.hpp"
+#include "common/net/endpoint.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -24,68 +25,93 @@ Upstream::Upstream(const net::Context& context, const UpstreamOptions& options,
               on_log(line);
       }) {}
 
-void Upstream::connect(Instant now) {
+/// To one that another one tells of.
+Result<net::DealerSocket> Upstream::connect(const std::string& told) {
+    const auto endpoint = net::endpoint_to_connect(told, net::broker_port);
+    if (!endpoint)
+        return endpoint.error();
+    return net::DealerSocket::connect(context_, *endpoint);
+}
+
+void Upstream::begin(Instant now) {
     if (done_ || now < again_at_)
         return;
-    auto socket = net::DealerSocket::connect(context_, options_.broker);
-    if (!socket) {
-        on_log_({LogLevel::error, "upstream_unreachable", {}, socket.error().message});
-        again_at_ = now + pause_after_trouble;
-        return;
+    std::vector<net::DealerSocket> sockets;
+    for (const std::string& endpoint : options_.brokers) {
+        auto socket = net::DealerSocket::connect(context_, endpoint);
+        if (!socket) {
+            on_log_({LogLevel::error, "upstream_unreachable", {}, socket.error().message});
+            again_at_ = now + pause_after_trouble;
+            return;
+        }
+        sockets.push_back(std::move(*socket));
     }
     branch_ = std::make_unique<Branch>(progress_, fresh_rng());
     leaving_ = false;
-    link_ = std::make_unique<worker::Link>(
-        worker::Link::Who{worker::SessionIndex{}, options_.broker}, on_log_, std::move(*socket),
-        worker::Session({random_id<WorkerId>(), options_.name, branch_threads, options_.tags},
-                        worker::Limits{}),
-        *branch_);
+    worker::CrewWires::Host& host = *this;
+    worker::CrewOptions crew;
+    crew.identity = {random_id<WorkerId>(), options_.name, branch_threads, options_.tags};
+    crew.endpoints = options_.brokers;
+    wires_ = std::make_unique<worker::CrewWires>(std::move(crew), "", on_log_, *branch_, host);
+    for (std::size_t slot = 0; slot < sockets.size(); ++slot)
+        wires_->add_line(slot, std::move(sockets[slot]), options_.brokers[slot]);
 }
 
 std::vector<Event> Upstream::serve(Instant now, std::uint64_t threads) {
     threads_ = threads;
-    if (!link_ && threads > 0)
-        connect(now);
-    if (!link_)
+    if (!wires_ && threads > 0)
+        begin(now);
+    if (!wires_)
         return {};
     if (threads == 0 && !std::exchange(leaving_, true))
-        link_->step(worker::StopNow{}); // somebody else draws it sooner
-    link_->receive_some();
-    for (auto results = branch_->take_results(); !results.empty();
-         results = branch_->take_results())
-        for (const worker::PoolResult& result : results)
-            link_->step(result.event);
-    link_->keep_time(now);
+        wires_->step(worker::StopNow{}); // somebody else draws it sooner
+    wires_->receive_some();              // a tile that is stopped is answered by the session
+    hand_out_results();
+    wires_->keep_time(now);
     std::vector<Event> events = branch_->take_events();
-    let_go_if_over(now);
+    let_go_if_over();
     return events;
 }
 
-void Upstream::let_go_if_over(Instant now) {
-    if (!link_->over(now))
+void Upstream::hand_out_results() {
+    for (auto results = branch_->take_results(); !results.empty();
+         results = branch_->take_results())
+        for (worker::PoolResult& result : results)
+            wires_->step(worker::SessionEvent{result.session, std::move(result.event)});
+}
+
+void Upstream::let_go_if_over() {
+    if (!wires_->is_over())
         return;
-    done_ = *link_->finished() == worker::FinishReason::dismissed ||
-            *link_->finished() == worker::FinishReason::version_mismatch;
-    link_.reset();
+    const worker::FinishReason reason = *wires_->crew().finished();
+    done_ = reason == worker::FinishReason::dismissed ||
+            reason == worker::FinishReason::version_mismatch;
+    wires_.reset();
 }
 
 void Upstream::leave() {
-    if (!link_)
+    if (!wires_)
         return;
     if (!std::exchange(leaving_, true))
-        link_->step(worker::StopNow{});
-    for (Instant now = net::now(); !link_->over(now); now = net::now()) {
-        link_->receive_some();
-        link_->keep_time(now);
+        wires_->step(worker::StopNow{});
+    for (Instant now = net::now(); !wires_->is_over(); now = net::now()) {
+        wires_->keep_time(now);
         (void)branch_->take_events(); // the dispatcher is over
-        net::wait({link_->socket()}, link_->next_deadline() - now);
+        std::vector<net::Waitable> waitables;
+        for (const net::Socket* socket : wires_->sockets())
+            waitables.emplace_back(*socket);
+        net::wait(waitables, wires_->next_deadline() - now);
     }
-    link_.reset();
+    wires_.reset();
+}
+
+std::vector<const net::Socket*> Upstream::sockets() const {
+    return wires_ ? wires_->sockets() : std::vector<const net::Socket*>();
 }
 
 Instant Upstream::next_deadline() const {
-    if (link_)
-        return link_->next_deadline();
+    if (wires_)
+        return wires_->next_deadline();
     return done_ || threads_ == 0 ? Instant::never() : again_at_;
 }
 

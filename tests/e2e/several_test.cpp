@@ -154,6 +154,33 @@ TEST_CASE("a broker that comes back is given all, and the next one may die") {
     CHECK((bytes_of(scratch.file("farm.png")) == want));
 }
 
+TEST_CASE("a branch serves all brokers above it, whichever leads, and hears of them from one") {
+    const Scratch scratch;
+    const std::string want = local_picture(scratch, long_picture());
+    for (const std::size_t named : {0u, 1u}) {
+        CAPTURE(named);
+        Brokers roots(2);
+        Farm branch({"--heartbeat", heartbeat_option, "--upstream", roots.endpoint(named)});
+        branch.add_worker("leaf");
+        const std::string name = ":" + std::to_string(branch.broker().pid()) + " is here";
+        for (std::size_t i = 0; i < 2; ++i)
+            roots.wait_for(i, name);
+        Process client = start_program(
+            "fraja-submit",
+            with(long_picture(), {"-b", roots.endpoint(0), "-o", scratch.file("farm.png")}));
+        roots.wait_for(1, " pixels queued");
+        Process watcher = start_program("fraja-watch", {"-b", roots.endpoint(1), "--json", "#1"});
+        wait_for_tiles(watcher, 1);
+        roots.kill(0);
+        INFO(roots.at(1).err());
+        INFO(client.err());
+        CHECK(client.wait_for_exit(patience) == 0);
+        CHECK((bytes_of(scratch.file("farm.png")) == want));
+        if (instrumented)
+            break;
+    }
+}
+
 TEST_CASE("fraja-ctl shows the brokers that were not named, and who leads") {
     Brokers brokers(3);
     const auto shown =

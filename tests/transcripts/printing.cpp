@@ -168,9 +168,10 @@ std::string told(const PutBlob& write) {
     return "PutBlob" + field("hash", hash) + field("pieces", pieces);
 }
 std::string told(const PutJob& write) {
-    const auto& [submission, job_number, passes, revision] = write;
+    const auto& [submission, job_number, passes, revision, phase] = write;
     return "PutJob" + field("number", job_number) + field("passes", passes, 1) +
-           field("revision", revision.counter) + fields_of(submission);
+           field("revision", revision.counter) + field("phase", phase, JobPhase{}) +
+           fields_of(submission);
 }
 std::string told(const PutTile& write) {
     const auto& [tile] = write;
