@@ -303,6 +303,7 @@ public:
     Instant retry_until{};               ///< then
     bool leader_agrees = false;          ///< that what is awaited has become of it
     std::uint64_t done_in = 0;           ///< the last epoch whose leader has had it done like this
+    bool has_more_unchecked = false;     ///< done here than as it was told of last
     std::set<BrokerId> copies;           ///< who is here and has it, by its own word
     std::set<BrokerId> waiting_for_copy; ///< who is to be told when it is kept here
     Instant copied_by{}; ///< while it is being kept: then it is acknowledged without copies

@@ -287,7 +287,11 @@ void Dispatcher::settle(Job& job) {
 
 void Dispatcher::follow(Job& job, const JobRecord& record) {
     job.revision = record.revision;
-    if (job.phase == JobPhase::done && record.phase != JobPhase::done)
+    const std::uint32_t unchecked = job.checks().counts().unchecked;
+    const bool tells_otherwise =
+        record.phase != JobPhase::done ||
+        (membership_.leads() && job.is_checked() && record.checks.unchecked != unchecked);
+    if (job.phase == JobPhase::done && tells_otherwise)
         return note_change(job); // it has all that can be: the others are told
     const Following following(follows_);
     if (job.priority != record.priority)
@@ -296,6 +300,12 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
         give_number(job, record.number);
     if (is_over(record.phase)) {
         if (is_over(job.phase) && job.phase == record.phase) {
+            // Each may have come to its end by itself. Who has tiles of both is told the worse.
+            job.has_more_unchecked = unchecked > record.checks.unchecked;
+            if (job.phase == JobPhase::done && unchecked < record.checks.unchecked) {
+                job.set_check_counts(record.checks);
+                keep_phase(job);
+            }
             if (job.leader_agrees)
                 note_done_at_leader(job);
             return;
@@ -325,6 +335,8 @@ void Dispatcher::follow(Job& job, const JobRecord& record) {
 }
 
 void Dispatcher::note_done_at_leader(Job& job) {
+    if (job.has_more_unchecked) // whoever has tiles of the leader is not told of that
+        return;
     if (std::exchange(job.done_in, term().counter) != term().counter && job.is_checked())
         publish_state(job);
 }
