@@ -440,6 +440,8 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
         keep_phase(job);
     } else if (!is_over(job.phase)) {
         acknowledge(job);
+    } else if (!job.acknowledged_at) { // it was cancelled before that, and may be tried again
+        job.acknowledged_at = job.over_at;
     }
     if (job.is_adopted) {
         const bool is_told = job.awaited && is_over(job.awaited->phase) == is_over(job.phase);

@@ -316,6 +316,22 @@ TEST_CASE("a job that is over is tried again where it was copied without its sce
     CHECK(fleet.state(1, job)->phase == JobPhase::done);
 }
 
+TEST_CASE("what was cancelled before anybody was told that it is kept can be tried again") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    fleet.cut(0, 1); // which nobody knows yet
+    const JobId job = fleet.submit(0, "c", Farm::picture(1, 3));
+    CHECK(fleet.state(0, job)->phase == JobPhase::waiting_for_scene);
+    fleet.say(0, "c", ControlJob{job, JobDeed::cancel, 0});
+    REQUIRE(fleet.state(0, job)->phase == JobPhase::cancelled);
+    fleet.pass(5s);
+    fleet.say(0, "c", ControlJob{job, JobDeed::retry, 0});
+    fleet.pass(1s);
+    fleet.render_all("w");
+    CHECK(fleet.state(0, job)->phase == JobPhase::done);
+}
+
 TEST_CASE("what is tried again has its scene in the store, too, wherever that comes from") {
     Fleet fleet(2, {}, true);
     fleet.pass(4s);
