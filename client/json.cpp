@@ -167,6 +167,8 @@ std::string broker_json(const AskedBroker& asked) {
                        {"reason", asked.trouble}});
     Json json = broker_object(asked.farm->broker);
     json["endpoint"] = asked.endpoint;
+    if (!asked.also_at.empty())
+        json["also_at"] = asked.also_at;
     if (!asked.farm->brokers.empty()) {
         const protocol::PeerState& own = asked.farm->brokers.front();
         json["leads"] = own.leads;

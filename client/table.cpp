@@ -110,8 +110,8 @@ namespace {
 std::string state_of(const protocol::FarmState& farm) {
     if (!farm.broker.trouble.empty())
         return farm.broker.trouble;
-    if (farm.brokers.empty()) // it stands alone
-        return "well";
+    if (farm.brokers.empty())
+        return "alone";
     const protocol::PeerState& own = farm.brokers.front();
     const auto missing = static_cast<std::size_t>(
         std::ranges::count(farm.brokers, false, &protocol::PeerState::is_here));
@@ -126,7 +126,7 @@ std::string state_of(const protocol::FarmState& farm) {
 std::string brokers_table(const std::vector<AskedBroker>& brokers) {
     std::vector<Row> rows = {
         {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
-    for (const auto& [endpoint, farm, trouble] : brokers) {
+    for (const auto& [endpoint, farm, trouble, also_at] : brokers) {
         if (!farm) {
             rows.push_back({shortened(endpoint, 60), printable(trouble)});
             continue;

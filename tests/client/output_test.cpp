@@ -202,14 +202,14 @@ TEST_CASE("tables have columns, and words where there is nothing") {
 }
 
 TEST_CASE("why a broker does not answer is told whole, and widens no column") {
-    const std::string why =
-        "no broker reached at tcp://127.0.0.1:1 within 10 s: nothing listens there (fraja-broker)";
+    const std::string why = "not reached from here: that host is not there, or a firewall is in "
+                            "between";
     protocol::FarmState farm;
     farm.broker.program_version = "0.1.0";
     const std::string table =
         brokers_table({{"tcp://127.0.0.1:1", std::nullopt, why}, {"tcp://b:1", farm, ""}});
     CHECK(table.find("tcp://127.0.0.1:1  " + why + "\n") != std::string::npos);
-    CHECK(table.find("tcp://b:1          well   0.1.0 ") != std::string::npos);
+    CHECK(table.find("tcp://b:1          alone  0.1.0 ") != std::string::npos);
 }
 
 TEST_CASE("of several brokers it is told who leads, who stands by, and who is missed") {
@@ -232,6 +232,13 @@ TEST_CASE("of several brokers it is told who leads, who stands by, and who is mi
         CHECK(broker_json({"tcp://a:1", farm, ""})
                   .find(row.leads ? "\"leads\":true" : "\"leads\":false") != std::string::npos);
     }
+}
+
+TEST_CASE("a broker's JSON has the other endpoints that lead to it, where there are") {
+    const protocol::FarmState farm;
+    CHECK_FALSE(Json::parse(broker_json({"tcp://a:1", farm, ""})).contains("also_at"));
+    CHECK(Json::parse(broker_json({"tcp://a:1", farm, "", {"tcp://b:1"}})).at("also_at") ==
+          Json{"tcp://b:1"});
 }
 
 TEST_CASE("a tile's line has its place, size, worker, time and rays") {
