@@ -156,7 +156,9 @@ private:
     /// The worst that was found: no broker, one that cannot be used, then what is wrong here.
     Outcome perform(const Examine& command) {
         const auto here = examine_machine(command.refused_over);
-        const auto there = examine_brokers(options_.shared, signals_);
+        const auto [there, ended] = examine_brokers(options_.shared, signals_);
+        if (ended.code != ExitCode::done)
+            return ended;
         if (options_.shared.json)
             for (const auto& findings : {here, there})
                 for (const Finding& finding : findings)

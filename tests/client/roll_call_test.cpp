@@ -2,14 +2,12 @@
 #include "client/roll_call.hpp"
 
 #include "common/net/clock.hpp"
-#include "common/protocol/codec.hpp"
-#include "common/protocol/topics.hpp"
+#include "tests/client/farm_teller.hpp"
 #include "tests/client/written.hpp"
 
 #include <csignal>
 #include <doctest/doctest.h>
 #include <pthread.h>
-#include <thread>
 
 using namespace fraja;
 using namespace fraja::client;
@@ -18,51 +16,6 @@ using namespace std::chrono_literals;
 namespace {
 
 constexpr const char* nobody = "tcp://127.0.0.1:1"; // nothing listens there
-
-/// Welcomes all, and publishes its farm to whoever asks for that.
-class FarmTeller {
-public:
-    FarmTeller(const net::Context& context, std::uint8_t id,
-               std::vector<protocol::PeerState> others = {})
-        : router_(*net::RouterSocket::bind(context, "tcp://127.0.0.1:0")),
-          publisher_(*net::PublisherSocket::bind(context, "tcp://127.0.0.1:0", 1'000)),
-          endpoint_(router_.endpoint()) {
-        farm_.broker.broker = BrokerId{{id}};
-        if (!others.empty()) {
-            farm_.brokers = std::move(others);
-            farm_.brokers.insert(farm_.brokers.begin(), {.broker = BrokerId{{id}},
-                                                         .endpoint = endpoint_,
-                                                         .program_version = "1",
-                                                         .is_here = true,
-                                                         .is_synced = true,
-                                                         .leads = true});
-        }
-        thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
-    }
-    [[nodiscard]] const std::string& endpoint() const { return endpoint_; }
-
-private:
-    void run(const std::stop_token& stop) {
-        while (!stop.stop_requested()) {
-            net::wait({router_, publisher_}, 10ms);
-            while (const auto change = publisher_.receive())
-                if (change->subscribed && change->topic == protocol::farm_topic)
-                    publisher_.publish(change->topic, protocol::encode(farm_));
-            while (const auto in = router_.receive())
-                if (const auto message = protocol::decode(in->frames);
-                    message && std::holds_alternative<protocol::ClientHello>(*message))
-                    (void)router_.send(in->peer, protocol::encode(protocol::Welcome{
-                                                     farm_.broker.broker, 1, 1s, 3,
-                                                     publisher_.endpoint(), "test"}));
-        }
-    }
-
-    net::RouterSocket router_;
-    net::PublisherSocket publisher_;
-    std::string endpoint_;
-    protocol::FarmState farm_;
-    std::jthread thread_; // last: it uses the others
-};
 
 protocol::PeerState peer(std::uint8_t id, std::string endpoint, bool is_here) {
     return {.broker = BrokerId{{id}},
