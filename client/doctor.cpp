@@ -280,7 +280,7 @@ Finding examine_releases(const protocol::FarmState& farm) {
 
 /// Of the brokers that stand for each other. Nothing where there is but one.
 std::optional<Finding> examine_company(const protocol::FarmState& farm) {
-    if (farm.brokers.empty())
+    if (farm.brokers.size() < 2)
         return std::nullopt;
     std::size_t here = 0, keepers = 0;
     std::string leader, missing, fetching;
@@ -310,8 +310,9 @@ std::optional<Finding> examine_company(const protocol::FarmState& farm) {
     text += "; " + (leader.empty() ? "none leads" : leader + " leads");
     if (here < all)
         return Finding{doubtful, "brokers", text,
-                       "start what is gone again; what is gone for good, take out of the --peer of "
-                       "the others, and start them anew one after the other"};
+                       "start what is gone again; of what is gone for good: ten minutes later "
+                       "start the others "
+                       "anew, one after the other, without it among their --peer"};
     if (keepers < all || leader.empty())
         return Finding{doubtful, "brokers", text, "a matter of seconds; else their logs say more"};
     return Finding{good, "brokers", text, {}};
