@@ -64,6 +64,7 @@ TEST_CASE("any but one of several brokers may die in the middle of a job") {
         INFO(brokers.at(count - 1).err());
         INFO(client.err());
         CHECK(client.wait_for_exit(patience) == 0);
+        CHECK(contains(client.err(), "goes on with the broker at "));
         CHECK((bytes_of(scratch.file("farm.png")) == want));
     }
 }
