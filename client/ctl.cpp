@@ -148,8 +148,11 @@ private:
             fmt::print("{}\n", key->text);
         console_.info("wrote " + command.output +
                       ": keep it secret. What is printed is the public key: a line 'ROLE KEY NAME' "
-                      "in the allow-list of fraja-broker lets it in, as the key of a farm it is "
-                      "what --broker-key names");
+                      "in the allow-list of fraja-broker lets it in" +
+                      // One that names a farm's key is none.
+                      (options_.broker_key.empty()
+                           ? ", as the key of a farm it is what --broker-key names"
+                           : ""));
         return {};
     }
 

@@ -46,6 +46,7 @@ Json settings_object(const protocol::PictureSettings& s) {
 }
 
 void add_checks(Json& json, const protocol::JobState& s) {
+    json["verify"] = s.verify;
     json["checks"] = {{"agreed", s.checks.agreed}, {"unchecked", s.checks.unchecked}};
     Json distrusted = Json::array();
     for (const protocol::Distrusted& who : s.distrusted)

@@ -141,6 +141,52 @@ TEST_CASE("the counts of a job are lines of plain words, and a truncated pixel a
     CHECK(counts_page(plain).ends_with("\nrays total        100\n")); // it counts nothing else
 }
 
+TEST_CASE("a job whose tiles are to be checked says what has come of that, also when nothing has") {
+    using Checks = protocol::CheckCounts;
+    using enum protocol::JobPhase;
+    struct Row {
+        double verify;
+        Checks checks;
+        protocol::JobPhase phase;
+        const char *page, *counts;
+    };
+    for (const Row& row : {
+             Row{0, {}, done, "", ""},
+             Row{0.1,
+                 {},
+                 done,
+                 "checked   0 tiles (--verify 0.1: none was picked)\n",
+                 "tiles checked     0 (--verify 0.1: none was picked)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {},
+                 running,
+                 "checked   0 tiles (--verify 0.1: none so far)\n",
+                 "tiles checked     0 (--verify 0.1: none so far)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {7, 0},
+                 done,
+                 "checked   7 tiles\n",
+                 "tiles checked     7 (drawn by two workers, the same)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {1, 2},
+                 done,
+                 "checked   1 tile; 2 had no second worker\n",
+                 "tiles checked     1 (drawn by two workers, the same)\n"
+                 "tiles unchecked   2 (there was no second worker)\n"},
+         }) {
+        auto state = job();
+        state.verify = row.verify;
+        state.checks = row.checks;
+        state.phase = row.phase;
+        CAPTURE(row.counts);
+        const std::string page = job_page(state);
+        CHECK((page.find("\nchecked ") != std::string::npos) == (*row.page != 0));
+        CHECK(page.find(row.page) != std::string::npos);
+        CHECK(counts_page(state).starts_with(std::string(row.counts) + "rays camera"));
+        CHECK(Json::parse(job_json(state)).at("verify") == row.verify);
+    }
+}
+
 TEST_CASE("a job's page and JSON and its picture name its kernel") {
     for (const auto& [kernel, name] : {std::pair{protocol::KernelChoice::fast, "fast"},
                                        std::pair{protocol::KernelChoice::reference, "reference"}}) {
