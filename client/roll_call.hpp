@@ -7,7 +7,7 @@
 #include "client/shell.hpp"
 #include "client/table.hpp"
 
-#include <deque>
+#include <list>
 #include <optional>
 #include <string>
 #include <vector>
@@ -48,7 +48,7 @@ private:
     const net::Context& context_;
     SessionOptions session_;
     SearchNotice notice_;
-    std::deque<Guest> guests_; // which stay where they are
+    std::list<Guest> guests_; // which stay where they are
     Instant notice_due_{};
     Instant answered_at_ = Instant::never(); ///< by the first
 };
