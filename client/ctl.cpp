@@ -8,16 +8,17 @@
 #include "client/notices.hpp"
 #include "client/picture.hpp"
 #include "client/progress_report.hpp"
+#include "client/roll_call.hpp"
 #include "client/shell.hpp"
 #include "client/table.hpp"
 #include "client/watching.hpp"
 #include "common/base/text.hpp"
 #include "common/discovery/source.hpp"
 #include "common/net/clock.hpp"
-#include "common/protocol/limits.hpp"
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <fmt/core.h>
 #include <iostream>
 #include <poll.h>
@@ -93,33 +94,22 @@ private:
 
     /// Each for itself, and those that they tell of: done where at least one answers.
     Outcome perform(const ListBrokers&) {
-        std::vector<AskedBroker> asked;
-        Outcome outcome;
-        bool any = false;
-        std::vector<std::string> brokers = named_brokers();
-        for (std::size_t i = 0; i < brokers.size(); ++i) {
-            const std::string broker = brokers[i];
-            FarmCatcher catcher;
-            SharedOptions alone = options_.shared;
-            alone.brokers = {broker};
-            const Outcome answer = catch_farm(catcher, alone);
-            if (answer.code == ExitCode::interrupted || answer.code == ExitCode::terminated)
-                return answer;
-            any = any || answer.code == ExitCode::done;
-            outcome = answer;
-            if (catcher.farm)
-                for (const protocol::PeerState& peer : catcher.farm->brokers)
-                    if (!peer.endpoint.empty() && brokers.size() < protocol::brokers_max &&
-                        std::ranges::find(brokers, peer.endpoint) == brokers.end())
-                        brokers.push_back(peer.endpoint);
-            asked.push_back({broker, std::move(catcher.farm), answer.reason});
-        }
+        const net::Context context(options_.shared.keys);
+        const std::vector<std::string> named = named_brokers();
+        RollCall call(context, named, session_options(options_.shared),
+                      {console_, ProgressReport::chosen(options_.shared.progress, console_), named,
+                       net::now()});
+        const Outcome outcome = call.hold(signals_);
+        if (outcome.code == ExitCode::interrupted || outcome.code == ExitCode::terminated)
+            return outcome;
+        const std::vector<AskedBroker> brokers = call.brokers();
         if (options_.shared.json)
-            for (const AskedBroker& broker : asked)
+            for (const AskedBroker& broker : brokers)
                 fmt::print("{}\n", broker_json(broker));
         else
-            fmt::print("{}", brokers_table(asked));
-        return any ? Outcome{} : outcome;
+            fmt::print("{}", brokers_table(brokers));
+        std::fflush(stdout); // to let go of names that are being looked up may take a while
+        return outcome;
     }
 
     /// With those that a source has now in its place; where it has none, it is asked as it stands.
@@ -158,15 +148,20 @@ private:
             fmt::print("{}\n", key->text);
         console_.info("wrote " + command.output +
                       ": keep it secret. What is printed is the public key: a line 'ROLE KEY NAME' "
-                      "in the allow-list of fraja-broker lets it in, as the key of a farm it is "
-                      "what --broker-key names");
+                      "in the allow-list of fraja-broker lets it in" +
+                      // One that names a farm's key is none.
+                      (options_.broker_key.empty()
+                           ? ", as the key of a farm it is what --broker-key names"
+                           : ""));
         return {};
     }
 
     /// The worst that was found: no broker, one that cannot be used, then what is wrong here.
     Outcome perform(const Examine& command) {
         const auto here = examine_machine(command.refused_over);
-        const auto there = examine_brokers(options_.shared, signals_);
+        const auto [there, ended] = examine_brokers(options_.shared, signals_);
+        if (ended.code != ExitCode::done)
+            return ended;
         if (options_.shared.json)
             for (const auto& findings : {here, there})
                 for (const Finding& finding : findings)
@@ -271,12 +266,10 @@ private:
         return {};
     }
 
-    Outcome catch_farm(FarmCatcher& catcher) { return catch_farm(catcher, options_.shared); }
-
-    Outcome catch_farm(FarmCatcher& catcher, const SharedOptions& shared) {
-        const net::Context context(shared.keys);
-        FarmWatching watching(session_options(shared));
-        return converse(context, watching, catcher, shared);
+    Outcome catch_farm(FarmCatcher& catcher) {
+        const net::Context context(options_.shared.keys);
+        FarmWatching watching(session_options(options_.shared));
+        return converse(context, watching, catcher, options_.shared);
     }
 
     Outcome ask(Question question, Listener& catcher) {

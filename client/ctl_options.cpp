@@ -27,6 +27,25 @@ A JOB is an id, the beginning of one, a name (its newest job) or #N. A WORKER is
 beginning of one, or a name.
 )";
 
+constexpr const char* brokers_words = R"(STATE is
+  alone          the broker has no others (no --peer)
+  leads          it deals out the tiles
+  stands by      it has all that the others have, and goes on when the one that leads is gone
+  fetches what the others have
+                 it has started, or was away, and stands by soon
+  ..., misses N other brokers
+                 it does not hear so many that it knows of: gone, or not reached
+  gone: WHY      it does not answer here, and none of the others hears it
+  not reached from here: WHY
+                 others hear it
+  does not answer
+                 who listens there is slow, hangs, or is no broker
+or what is wrong with it: a full disk, or why it does not let us in.
+
+All are asked at the same time; once one has answered, the others are given 1.5 s. Exit code: 0
+where at least one answers, 4 where none lets us in, 3 where none is reached.
+)";
+
 Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
                                      const std::vector<std::filesystem::path>& settings) {
     SharedArguments shared;
@@ -46,8 +65,9 @@ Parsed<CtlOptions> read_command_line(std::vector<std::string> arguments,
     };
     const CLI::App* jobs = command("jobs", "All jobs");
     const CLI::App* workers = command("workers", "All workers");
-    const CLI::App* brokers =
+    CLI::App* brokers =
         command("brokers", "All brokers that -b names, and those that stand for them");
+    brokers->footer(brokers_words);
     const CLI::App* stats = command("stats", "What the farm has done since its broker started");
     const CLI::App* doctor = command("doctor", "Look what is wrong between here and the farm");
     CLI::App* show = command("show", "All about one job");

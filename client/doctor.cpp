@@ -171,26 +171,17 @@ Finding examine_way(const std::string& broker, const net::Endpoint& endpoint) {
             true};
 }
 
-std::vector<Finding> examine_broker(const std::string& broker, const SharedOptions& shared,
-                                    const net::SignalWatch* signals) {
+/// What is told of one broker, and which one that is.
+struct BrokerExamined {
     std::vector<Finding> findings;
-    if (const auto endpoint = net::parse_endpoint(broker, net::broker_port);
-        endpoint && endpoint->transport == net::Endpoint::Transport::tcp) {
-        findings.push_back(examine_way(broker, *endpoint));
-        if (findings.back().grade == bad)
-            return findings;
-        if (!shared.keys && !net::is_loopback(*endpoint))
-            findings.push_back({doubtful, "keys",
-                                "none are used here: whoever reaches the broker may use it",
-                                "only on a network that you trust; --key-file, fraja-ctl keygen"});
-    }
-    const net::Context context(shared.keys);
-    FarmPatient patient;
-    SessionOptions session = session_options(shared);
-    session.brokers = {broker};
-    session.connect_timeout = std::min(shared.connect_timeout, patience);
-    FarmWatching watching(std::move(session));
-    const Outcome outcome = converse(context, watching, patient, signals);
+    Outcome outcome; ///< as BrokersExamined has it
+    std::optional<BrokerId> broker;
+};
+
+/// How far the conversation came says what is wrong.
+std::vector<Finding> findings_of(const std::string& broker, const SharedOptions& shared,
+                                 const FarmPatient& patient, const Outcome& outcome) {
+    std::vector<Finding> findings;
     if (!patient.stream.empty() && shared.keys)
         findings.push_back(
             {good, "keys", "ours is known to the broker, and the broker's is ours", {}});
@@ -216,6 +207,41 @@ std::vector<Finding> examine_broker(const std::string& broker, const SharedOptio
             examine_farm(*patient.farm, std::chrono::system_clock::now().time_since_epoch()),
             std::back_inserter(findings));
     return findings;
+}
+
+bool is_ended(const Outcome& outcome) {
+    return outcome.code == ExitCode::interrupted || outcome.code == ExitCode::terminated;
+}
+
+BrokerExamined examine_broker(const std::string& broker, const SharedOptions& shared,
+                              const net::SignalWatch* signals) {
+    BrokerExamined examined;
+    if (const auto endpoint = net::parse_endpoint(broker, net::broker_port);
+        endpoint && endpoint->transport == net::Endpoint::Transport::tcp) {
+        examined.findings.push_back(examine_way(broker, *endpoint));
+        if (examined.findings.back().grade == bad)
+            return examined;
+        if (!shared.keys && !net::is_loopback(*endpoint))
+            examined.findings.push_back(
+                {doubtful, "keys", "none are used here: whoever reaches the broker may use it",
+                 "only on a network that you trust; --key-file, fraja-ctl keygen"});
+    }
+    const net::Context context(shared.keys);
+    FarmPatient patient;
+    SessionOptions session = session_options(shared);
+    session.brokers = {broker};
+    session.connect_timeout = std::min(shared.connect_timeout, patience);
+    FarmWatching watching(std::move(session));
+    const Outcome outcome = converse(context, watching, patient, signals);
+    if (is_ended(outcome)) {
+        examined.outcome = outcome;
+        return examined;
+    }
+    if (patient.farm)
+        examined.broker = patient.farm->broker.broker;
+    std::ranges::move(findings_of(broker, shared, patient, outcome),
+                      std::back_inserter(examined.findings));
+    return examined;
 }
 
 Finding examine_source(const discovery::Findings& found) {
@@ -252,6 +278,54 @@ Finding examine_releases(const protocol::FarmState& farm) {
             same_release};
 }
 
+/// Of the brokers that stand for each other. Nothing where there is but one.
+std::optional<Finding> examine_company(const protocol::FarmState& farm) {
+    if (farm.brokers.size() < 2)
+        return std::nullopt;
+    std::size_t here = 0, keepers = 0;
+    std::string leader, missing, fetching;
+    const auto append = [](std::string& list, const std::string& words) {
+        list += (list.empty() ? "" : ", ") + words;
+    };
+    for (const protocol::PeerState& peer : farm.brokers) {
+        const std::string who =
+            shortened(peer.endpoint.empty() ? fraja::to_string(peer.broker) : peer.endpoint, 60);
+        here += peer.is_here ? 1 : 0;
+        keepers += peer.is_here && peer.is_synced ? 1 : 0;
+        if (peer.is_here && peer.leads)
+            leader = who;
+        if (!peer.is_here)
+            append(missing,
+                   who + (peer.broker == BrokerId{} ? " was not heard of yet" : " is gone"));
+        else if (!peer.is_synced)
+            append(fetching, who + " fetches what the others have");
+    }
+    const std::size_t all = farm.brokers.size();
+    std::string text = here == all ? fmt::format("all {} are here", all)
+                                   : fmt::format("{} of {} are here: {}", here, all, missing);
+    if (!fetching.empty())
+        text += "; " + fetching;
+    if (keepers < all)
+        text += fmt::format("; jobs are kept by {} of {}", keepers, all);
+    text += "; " + (leader.empty() ? "none leads" : leader + " leads");
+    if (here < all)
+        return Finding{doubtful, "brokers", text,
+                       "start what is gone again; of what is gone for good: ten minutes later "
+                       "start the others "
+                       "anew, one after the other, without it among their --peer"};
+    if (keepers < all || leader.empty())
+        return Finding{doubtful, "brokers", text, "a matter of seconds; else their logs say more"};
+    return Finding{good, "brokers", text, {}};
+}
+
+/// Where it has been looked at already: no more than that it is the same.
+void keep_way_alone(const std::string& broker, std::vector<Finding>& findings) {
+    if (findings.front().subject == broker)
+        findings = {{good, broker, findings.front().text + ": the same broker", {}}};
+    else
+        findings = {{good, broker, "the same broker", {}}};
+}
+
 } // namespace
 
 std::vector<Finding> examine_machine(const std::string& refused_over) {
@@ -278,6 +352,8 @@ std::vector<Finding> examine_farm(const protocol::FarmState& farm, Duration unix
              same_release});
     if (Finding finding = examine_releases(farm); !finding.text.empty())
         findings.push_back(std::move(finding));
+    if (auto finding = examine_company(farm))
+        findings.push_back(*std::move(finding));
     const Duration skew = unix_time - broker.unix_time;
     const bool ahead = skew > Duration::zero();
     const std::string apart = format_duration(ahead ? skew : -skew);
@@ -323,21 +399,37 @@ discovery::Findings find_brokers(const std::string& source, const SharedOptions&
         std::min(shared.connect_timeout, patience));
 }
 
-std::vector<Finding> examine_brokers(const SharedOptions& shared, const net::SignalWatch* signals) {
-    std::vector<Finding> findings;
+BrokersExamined examine_brokers(const SharedOptions& shared, const net::SignalWatch* signals) {
+    BrokersExamined all;
+    std::set<BrokerId> seen;
+    const auto is_ended_now = [&] {
+        if (const auto signal =
+                signals && !is_ended(all.outcome) ? signals->receive() : std::nullopt)
+            all.outcome = outcome_of(*signal);
+        return is_ended(all.outcome);
+    };
+    const auto examine = [&](const std::string& broker) {
+        BrokerExamined one = examine_broker(broker, shared, signals);
+        if (one.broker && *one.broker != BrokerId{} && !seen.insert(*one.broker).second)
+            keep_way_alone(broker, one.findings);
+        std::ranges::move(one.findings, std::back_inserter(all.findings));
+        all.outcome = one.outcome;
+    };
     for (const std::string& broker : shared.brokers) {
-        if (!discovery::is_source(broker)) {
-            std::ranges::move(examine_broker(broker, shared, signals),
-                              std::back_inserter(findings));
-            continue;
+        std::vector<std::string> endpoints{broker};
+        if (discovery::is_source(broker)) {
+            auto found = find_brokers(broker, shared);
+            all.findings.push_back(examine_source(found));
+            endpoints = std::move(found.endpoints);
         }
-        const auto found = find_brokers(broker, shared);
-        findings.push_back(examine_source(found));
-        for (const std::string& endpoint : found.endpoints)
-            std::ranges::move(examine_broker(endpoint, shared, signals),
-                              std::back_inserter(findings));
+        for (const std::string& endpoint : endpoints) {
+            if (is_ended_now())
+                return all;
+            examine(endpoint);
+        }
     }
-    return findings;
+    (void)is_ended_now();
+    return all;
 }
 
 std::string findings_page(const std::vector<Finding>& machine,

@@ -45,10 +45,14 @@ inline constexpr std::uint64_t disk_bytes_few = std::uint64_t{1} << 30;
 [[nodiscard]] discovery::Findings find_brokers(const std::string& source,
                                                const SharedOptions& shared);
 
-/// Each broker of the options: its name, its port, its version, its stream, its farm. `signals` may
-/// be null.
-[[nodiscard]] std::vector<Finding> examine_brokers(const SharedOptions& shared,
-                                                   const net::SignalWatch* signals);
+struct BrokersExamined {
+    std::vector<Finding> findings;
+    Outcome outcome; ///< where it was interrupted or terminated: the findings say nothing then
+};
+/// Each broker of the options: its name, its port, its version, its stream, its farm. One that is
+/// reached at several endpoints is looked at once. `signals` may be null.
+[[nodiscard]] BrokersExamined examine_brokers(const SharedOptions& shared,
+                                              const net::SignalWatch* signals);
 
 /// A line for each finding, and one for its cure; those of the brokers apart.
 [[nodiscard]] std::string findings_page(const std::vector<Finding>& machine,

@@ -46,6 +46,7 @@ Json settings_object(const protocol::PictureSettings& s) {
 }
 
 void add_checks(Json& json, const protocol::JobState& s) {
+    json["verify"] = s.verify;
     json["checks"] = {{"agreed", s.checks.agreed}, {"unchecked", s.checks.unchecked}};
     Json distrusted = Json::array();
     for (const protocol::Distrusted& who : s.distrusted)
@@ -167,6 +168,8 @@ std::string broker_json(const AskedBroker& asked) {
                        {"reason", asked.trouble}});
     Json json = broker_object(asked.farm->broker);
     json["endpoint"] = asked.endpoint;
+    if (!asked.also_at.empty())
+        json["also_at"] = asked.also_at;
     if (!asked.farm->brokers.empty()) {
         const protocol::PeerState& own = asked.farm->brokers.front();
         json["leads"] = own.leads;

@@ -77,6 +77,16 @@ void SearchNotice::warn_of(const std::string& broker) {
                          " by its announcement; without keys nothing proves whose it is");
 }
 
+void LossNotice::update(const ConnectionChanged& news) {
+    if (!news.connected) {
+        console_.warning("lost the broker at " + news.broker + "; looking for it");
+        lost_ = news.broker;
+    } else if (const auto lost = std::exchange(lost_, std::nullopt)) {
+        console_.info(*lost == news.broker ? "found the broker at " + news.broker + " again"
+                                           : "goes on with the broker at " + news.broker);
+    }
+}
+
 AnswerNotice::AnswerNotice(Console& console, std::vector<std::string> workers, Instant now)
     : console_(console), workers_(std::move(workers)),
       due_(workers_.empty() ? Instant::never() : now + unanswered_max) {}

@@ -49,6 +49,18 @@ private:
     bool drawn_ = false, warned_ = false;
 };
 
+/// Says that the broker was lost, and whether it was that one which answers then. The console must
+/// outlive this.
+class LossNotice {
+public:
+    explicit LossNotice(Console& console) : console_(console) {}
+    void update(const ConnectionChanged& news);
+
+private:
+    Console& console_;
+    std::optional<std::string> lost_; ///< the endpoint, until one answers
+};
+
 /// Says, once, which of the workers that --direct names nobody answers at.
 class AnswerNotice {
 public:

@@ -59,7 +59,7 @@ Session::Change Session::step(Instant now, const Event& event, std::vector<Actio
         return Change::none;
     }
     if (const auto* from = std::get_if<FromBroker>(&event)) {
-        silent_at_ = open_ ? now + silence_max_ : Instant::never();
+        silent_at_ = open_ ? silent_by(now) : Instant::never();
         if (const auto* welcome = std::get_if<protocol::Welcome>(&from->message)) {
             speak(from->version, actions); // if a hello has gone out since
             return take(now, *welcome, actions);
@@ -106,7 +106,7 @@ Session::Change Session::take(Instant now, const protocol::Welcome& welcome,
         actions.push_back(StopLooking{});
     opened_at_ = now;
     beat_due_ = now + heartbeat_;
-    silent_at_ = now + silence_max_;
+    silent_at_ = silent_by(now);
     if (first || known_lost_)
         actions.push_back(News(ConnectionChanged{true, broker(), welcome_.stream, is_unproven()}));
     known_lost_ = false;
@@ -280,6 +280,11 @@ Duration Session::turn() const {
         return Duration::max() / 2;
     return std::min<Duration>(is_at_source() ? source_turn_max : turn_max,
                               std::max<Duration>(options_.connect_timeout / count, 10ms));
+}
+
+/// When a broker that says nothing more is lost.
+Instant Session::silent_by(Instant heard) const {
+    return options_.is_in_process ? Instant::never() : heard + silence_max_;
 }
 
 bool Session::is_at_source() const {

@@ -20,6 +20,9 @@ struct SessionOptions {
     Duration connect_timeout = std::chrono::seconds(10);
     std::string client_name;
     bool has_keys = false; ///< so brokers show theirs
+    /// The broker is of this process: it cannot be lost, however long the machine keeps it from
+    /// its turn.
+    bool is_in_process = false;
 };
 
 class Session {
@@ -69,6 +72,7 @@ private:
     Change tick(Instant now, std::vector<Action>& actions);
     Change end(Change change, Outcome outcome);
     [[nodiscard]] Duration turn() const;
+    [[nodiscard]] Instant silent_by(Instant heard) const;
     [[nodiscard]] bool is_at_source() const;
     [[nodiscard]] bool has_sources() const;
     [[nodiscard]] bool is_unproven() const;

@@ -22,11 +22,12 @@ using namespace std::chrono_literals;
 constexpr int burst = 64;                // messages read from one socket before the other's turn
 constexpr Duration farewell_max = 200ms; // for a Goodbye to leave
 
+} // namespace
+
 /// The two sockets, and what is done with them.
-class Port {
+class Conversation::Port {
 public:
-    /// `has_job`: it could be drawn here.
-    Port(const net::Context& context, bool has_job) : context_(context), has_job_(has_job) {}
+    Port(const net::Context& context, Advice advice) : context_(context), advice_(advice) {}
 
     void perform(const Connect& action) {
         hang_up();
@@ -72,10 +73,13 @@ public:
     }
     /// And what to do; nothing where there is no telling.
     [[nodiscard]] std::string why_unreachable() const {
-        const std::string why = net::why_silent(reached_);
-        return why.empty() ? why
-                           : ": " + why + " (fraja-broker starts one, -b HOST:PORT names another" +
-                                 (has_job_ ? "; fraja-submit --local does without)" : ")");
+        using enum Advice;
+        const std::string why = advice_ == none ? std::string() : net::why_silent(reached_);
+        return why.empty()
+                   ? why
+                   : ": " + why + " (fraja-broker starts one, -b HOST:PORT names another" +
+                         (advice_ == broker_or_local ? "; fraja-submit --local does without)"
+                                                     : ")");
     }
     /// Why nothing could be sent, where keys do not fit.
     [[nodiscard]] std::string refusal() const { return dealer_ ? dealer_->refusal() : ""; }
@@ -112,17 +116,17 @@ public:
         return all;
     }
 
-    void wait(std::vector<net::Waitable> all, Duration timeout) const {
+    void wait_also(std::vector<net::Waitable>& all) const {
         if (dealer_)
             all.emplace_back(*dealer_);
         if (stream_)
             all.emplace_back(*stream_);
-        for (const auto& [source, looking] : looking_) {
+        for (const auto& [source, looking] : looking_)
             all.emplace_back(looking.finder->fd());
-            if (looking.is_to_be_told)
-                timeout = Duration::zero();
-        }
-        net::wait(all, timeout);
+    }
+    [[nodiscard]] bool has_findings() const {
+        return std::ranges::any_of(looking_,
+                                   [](const auto& entry) { return entry.second.is_to_be_told; });
     }
 
     void take_leave() {
@@ -153,7 +157,7 @@ private:
     }
 
     const net::Context& context_;
-    bool has_job_;
+    Advice advice_;
     std::string reached_;
     std::optional<net::DealerSocket> dealer_;
     std::optional<net::SubscriberSocket> stream_;
@@ -162,40 +166,33 @@ private:
     bool not_sent_ = false;
 };
 
-class Conversation {
+class Conversation::State {
 public:
-    Conversation(const net::Context& context, Core& core, Listener& listener, bool has_job)
-        : core_(core), listener_(listener), port_(context, has_job) {}
-
-    Outcome hold(const net::SignalWatch* signals) {
+    State(const net::Context& context, Core& core, Listener& listener, Advice advice)
+        : core_(core), listener_(listener), port_(context, advice) {
         core_.start(net::now(), actions_);
         perform_actions();
-        while (!outcome_) {
-            const bool drained = read();
-            if (drained && !outcome_)
-                step(Tick{});
-            if (outcome_)
-                break;
-            const Instant redraw = listener_.tick(net::now());
-            if (auto leaving = listener_.wants_to_leave()) {
-                outcome_ = std::move(leaving);
-                break;
-            }
-            if (const auto signal = signals ? signals->receive() : std::nullopt) {
-                outcome_ = outcome_of(*signal);
-                break;
-            }
-            if (!drained)
-                continue;
-            std::vector<net::Waitable> also;
-            if (signals)
-                also.emplace_back(signals->fd());
-            listener_.wait_also(also);
-            port_.wait(std::move(also), std::min(core_.next_deadline(), redraw) - net::now());
-        }
-        port_.take_leave();
-        return *outcome_;
     }
+
+    bool turn() {
+        const bool drained = read();
+        if (drained && !outcome_)
+            step(Tick{});
+        if (outcome_)
+            return true;
+        redraw_ = listener_.tick(net::now());
+        outcome_ = listener_.wants_to_leave();
+        return drained;
+    }
+    [[nodiscard]] const std::optional<Outcome>& outcome() const { return outcome_; }
+    void wait_also(std::vector<net::Waitable>& all) const {
+        listener_.wait_also(all);
+        port_.wait_also(all);
+    }
+    [[nodiscard]] Instant due() const {
+        return port_.has_findings() ? net::now() : std::min(core_.next_deadline(), redraw_);
+    }
+    void take_leave() { port_.take_leave(); }
 
 private:
     /// Whether nothing is left to read.
@@ -259,7 +256,50 @@ private:
     Port port_;
     std::vector<Action> actions_;
     std::optional<Outcome> outcome_;
+    Instant redraw_{}; ///< when the listener wants to be called
 };
+
+Conversation::Conversation(const net::Context& context, Core& core, Listener& listener,
+                           Advice advice)
+    : state_(std::make_unique<State>(context, core, listener, advice)) {}
+Conversation::~Conversation() = default;
+
+bool Conversation::turn() {
+    return state_->turn();
+}
+const std::optional<Outcome>& Conversation::outcome() const {
+    return state_->outcome();
+}
+void Conversation::wait_also(std::vector<net::Waitable>& all) const {
+    state_->wait_also(all);
+}
+Instant Conversation::due() const {
+    return state_->due();
+}
+void Conversation::take_leave() {
+    state_->take_leave();
+}
+
+namespace {
+
+Outcome hold(Conversation& conversation, const net::SignalWatch* signals) {
+    std::optional<Outcome> told;
+    while (!told) {
+        const bool drained = conversation.turn();
+        told = conversation.outcome();
+        if (const auto signal = signals && !told ? signals->receive() : std::nullopt)
+            told = outcome_of(*signal);
+        if (told || !drained)
+            continue;
+        std::vector<net::Waitable> all;
+        if (signals)
+            all.emplace_back(signals->fd());
+        conversation.wait_also(all);
+        net::wait(all, conversation.due() - net::now());
+    }
+    conversation.take_leave();
+    return *told;
+}
 
 } // namespace
 
@@ -270,13 +310,15 @@ Outcome outcome_of(int signal) {
 
 Outcome converse(const net::Context& context, Core& core, Listener& listener,
                  const net::SignalWatch* signals) {
-    return Conversation(context, core, listener, false).hold(signals);
+    Conversation conversation(context, core, listener, Conversation::Advice::broker);
+    return hold(conversation, signals);
 }
 
 Outcome run_submission(const net::Context& context, SubmissionRequest request, Listener& listener,
                        const net::SignalWatch* signals) {
     Submission submission(std::move(request), fresh_rng());
-    return Conversation(context, submission, listener, true).hold(signals);
+    Conversation conversation(context, submission, listener, Conversation::Advice::broker_or_local);
+    return hold(conversation, signals);
 }
 
 } // namespace fraja::client

@@ -6,6 +6,8 @@
 #include "common/net/signals.hpp"
 #include "common/net/sockets.hpp"
 
+#include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -37,6 +39,38 @@ public:
 /// may be tcp, ipc or inproc. `signals` may be null.
 [[nodiscard]] Outcome converse(const net::Context& context, Core& core, Listener& listener,
                                const net::SignalWatch* signals);
+
+/// A core's conversation as one of several that a loop holds side by side.
+class Conversation {
+public:
+    /// What is said of a broker that was not reached, after a look at what keeps it from being so.
+    enum class Advice : std::uint8_t {
+        none, ///< and nothing is looked at, as that would keep the others waiting
+        broker,
+        broker_or_local, ///< the job could be drawn here
+    };
+    /// Begins it. All of these must outlive this.
+    Conversation(const net::Context& context, Core& core, Listener& listener, Advice advice);
+    ~Conversation();
+    Conversation(const Conversation&) = delete;
+    Conversation& operator=(const Conversation&) = delete;
+
+    /// Reads what there is, and answers. False: more is there, so do not wait.
+    bool turn();
+    /// The core's last word, or its listener's; nothing as long as it goes on.
+    [[nodiscard]] const std::optional<Outcome>& outcome() const;
+    /// Appends what the next turn is to wait for.
+    void wait_also(std::vector<net::Waitable>& all) const;
+    /// When it is due at the latest.
+    [[nodiscard]] Instant due() const;
+    /// After the last turn.
+    void take_leave();
+
+private:
+    class Port;
+    class State;
+    std::unique_ptr<State> state_;
+};
 
 /// Submits a job, and follows it unless it is detached.
 [[nodiscard]] Outcome run_submission(const net::Context& context, SubmissionRequest request,

@@ -108,10 +108,7 @@ private:
         update(now, news.state);
     }
     void take(Instant, const ConnectionChanged& news) {
-        if (!news.connected)
-            console_.warning("lost the broker at " + news.broker + "; looking for it");
-        else if (!broker_.empty())
-            console_.info("found the broker at " + news.broker + " again");
+        loss_.update(news);
         broker_ = news.broker;
         progress_.set_connected(news.connected);
     }
@@ -139,6 +136,7 @@ private:
     CopiesNotice copies_;
     AnswerNotice answer_;
     DistrustNotice distrust_;
+    LossNotice loss_{console_};
     Instant give_up_at_;
     bool worker_seen_ = false, gave_up_ = false;
     const LocalFarm* farm_ = nullptr;
@@ -247,6 +245,7 @@ private:
             farm = *std::move(started);
             request.session.brokers = {farm->endpoint()};
             request.session.connect_timeout = LocalFarm::answers_within;
+            request.session.is_in_process = true;
             listener.set_farm(*farm);
         }
         listener.set_submitted(request.job.job);

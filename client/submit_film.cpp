@@ -233,6 +233,7 @@ private:
             farm_ = *std::move(started);
             session_.brokers = {farm_->endpoint()};
             session_.connect_timeout = LocalFarm::answers_within;
+            session_.is_in_process = true;
         }
         search_.emplace(console_, mode_, session_.brokers, net::now());
         AnswerNotice answer(console_, options_.direct, net::now());
@@ -373,10 +374,7 @@ private:
         }
         if (connected != connected_ && (!connected || any_knows)) {
             connected_ = connected;
-            if (connected)
-                console_.info("found the broker at " + broker_ + " again");
-            else
-                console_.warning("lost the broker at " + broker_ + "; looking for it");
+            loss_.update({connected, broker_, {}});
         }
         for (const std::size_t index : over)
             end_frame(index);
@@ -552,6 +550,7 @@ private:
     std::optional<Outcome> gives_up_; ///< why no more frames are submitted
     std::string broker_;
     bool connected_ = true;
+    LossNotice loss_{console_};
     bool accepted_ = false;    ///< one frame was, at least
     bool worker_seen_ = false; ///< that draws one
 

@@ -381,7 +381,7 @@ Result<void> read_conduct(Arguments& a) {
     if (o.detach && o.local)
         return invalid_option("--detach needs a farm that goes on: not with --local");
     if (o.local && a.origins.is_typed("--broker"))
-        return invalid_option("--local and --broker contradict each other: here, or on a farm");
+        return invalid_option("--local and -b/--broker contradict each other: here, or on a farm");
     if (o.detach && o.wait)
         return invalid_option("--detach and --wait contradict each other");
     if (o.detach && (o.stats || o.skip_existing || o.preview != PreviewMode::none))

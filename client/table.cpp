@@ -110,8 +110,8 @@ namespace {
 std::string state_of(const protocol::FarmState& farm) {
     if (!farm.broker.trouble.empty())
         return farm.broker.trouble;
-    if (farm.brokers.empty()) // it stands alone
-        return "well";
+    if (farm.brokers.empty())
+        return "alone";
     const protocol::PeerState& own = farm.brokers.front();
     const auto missing = static_cast<std::size_t>(
         std::ranges::count(farm.brokers, false, &protocol::PeerState::is_here));
@@ -126,7 +126,7 @@ std::string state_of(const protocol::FarmState& farm) {
 std::string brokers_table(const std::vector<AskedBroker>& brokers) {
     std::vector<Row> rows = {
         {"BROKER", "STATE", "VERSION", "UP", "WORKERS", "THREADS", "CLIENTS", "JOBS", "ID"}};
-    for (const auto& [endpoint, farm, trouble] : brokers) {
+    for (const auto& [endpoint, farm, trouble, also_at] : brokers) {
         if (!farm) {
             rows.push_back({shortened(endpoint, 60), printable(trouble)});
             continue;
@@ -175,6 +175,18 @@ std::string tile_line(const protocol::TileDone& tile) {
                        printable(tile.worker_name), seconds(tile.elapsed), tile.rays.total());
 }
 
+namespace {
+
+/// Where tiles are to be checked, and nothing has come of that: chance has picked none.
+std::string none_picked(const protocol::JobState& s) {
+    if (s.verify == 0 || s.checks != protocol::CheckCounts{})
+        return {};
+    return fmt::format(" (--verify {}: none {})", s.verify,
+                       is_over(s.phase) ? "was picked" : "so far");
+}
+
+} // namespace
+
 std::string job_page(const protocol::JobState& s) {
     std::string text =
         fmt::format("job       #{} {}\nid        {}\nstate     {}\n", s.number,
@@ -197,9 +209,11 @@ std::string job_page(const protocol::JobState& s) {
                         counted(s.worker_count, "worker"));
     if (s.copies_wanted > 0)
         text += fmt::format("kept by   {} of {} brokers\n", s.copies + 1, s.copies_wanted + 1);
-    if (s.checks != protocol::CheckCounts{})
-        text += fmt::format("checked   {}; {} had no second worker\n",
-                            counted(s.checks.agreed, "tile"), s.checks.unchecked);
+    if (s.verify > 0 || s.checks != protocol::CheckCounts{})
+        text += fmt::format("checked   {}{}{}\n", counted(s.checks.agreed, "tile"), none_picked(s),
+                            s.checks.unchecked == 0
+                                ? ""
+                                : fmt::format("; {} had no second worker", s.checks.unchecked));
     for (const protocol::Distrusted& who : s.distrusted)
         text += fmt::format("distrusts {} {} ({})\n", printable(who.worker_name),
                             fraja::to_string(who.worker), printable(who.reason));
@@ -219,11 +233,14 @@ std::string job_page(const protocol::JobState& s) {
 namespace {
 
 std::string checks_page(const protocol::JobState& s) {
-    if (s.checks == protocol::CheckCounts{} && s.distrusted.empty())
+    if (s.verify == 0 && s.checks == protocol::CheckCounts{} && s.distrusted.empty())
         return {};
-    std::string text = fmt::format("tiles checked     {} (drawn by two workers, the same)\n"
-                                   "tiles unchecked   {} (there was no second worker)\n",
-                                   s.checks.agreed, s.checks.unchecked);
+    const std::string none = none_picked(s);
+    std::string text = fmt::format(
+        "tiles checked     {}{}\n"
+        "tiles unchecked   {}{}\n",
+        s.checks.agreed, none.empty() ? " (drawn by two workers, the same)" : none,
+        s.checks.unchecked, s.checks.unchecked == 0 ? "" : " (there was no second worker)");
     for (const protocol::Distrusted& who : s.distrusted)
         text += "distrusted        " + printable(who.worker_name) + "\n";
     return text;

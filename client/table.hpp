@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace fraja::client {
 
@@ -18,6 +19,7 @@ struct AskedBroker {
     std::string endpoint;
     std::optional<protocol::FarmState> farm; ///< nothing: it has not answered
     std::string trouble;                     ///< why not, or why not any more; empty: all is well
+    std::vector<std::string> also_at{};      ///< endpoints that lead to the same one
 };
 /// Of all brokers that were asked, in their order.
 [[nodiscard]] std::string brokers_table(const std::vector<AskedBroker>& brokers);

@@ -47,8 +47,8 @@ public:
             view_.broker = connection->broker;
             view_.connected = connection->connected;
             changed_ = true;
-            if (!screen_ && !connection->connected)
-                console_.warning("lost the broker at " + connection->broker + "; looking for it");
+            if (!screen_)
+                loss_.update(*connection);
         }
     }
     Instant tick(Instant now) override {
@@ -110,6 +110,7 @@ private:
 
     const WatchOptions& options_;
     Console& console_;
+    LossNotice loss_{console_};
     Outlet outlet_;
     std::optional<Screen> screen_;
     FarmView view_;

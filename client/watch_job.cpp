@@ -154,11 +154,7 @@ private:
             show_phase(news.state);
     }
     void take(const ConnectionChanged& news) {
-        if (!news.connected)
-            console_.warning("lost the broker at " + news.broker + "; looking for it");
-        else if (lost_)
-            console_.info("found the broker at " + news.broker + " again");
-        lost_ = !news.connected;
+        loss_.update(news);
         broker_ = news.broker;
         progress_.set_connected(news.connected);
     }
@@ -205,7 +201,7 @@ private:
     std::optional<protocol::JobPhase> phase_;
     std::optional<Outcome> failure_;
     std::string broker_;
-    bool lost_ = false;
+    LossNotice loss_{console_};
 };
 
 /// Asking for a name may take a while.

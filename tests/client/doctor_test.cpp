@@ -112,6 +112,51 @@ TEST_CASE("jobs that wait while tiles are drawn are no finding") {
     CHECK(about("jobs", farm) == Finding{});
 }
 
+TEST_CASE("a doctor tells who of several brokers is here, who leads, and how many keep the jobs") {
+    CHECK(about("brokers", healthy()) == Finding{}); // it has no others
+    enum State { leads, stands_by, fetches, gone, unheard };
+    struct Row {
+        std::vector<State> states;
+        Finding::Grade grade;
+        const char* text;
+    };
+    using enum Finding::Grade;
+    for (const Row& row : {
+             Row{{leads, stands_by, stands_by}, good, "all 3 are here; tcp://0 leads"},
+             Row{{stands_by, leads}, good, "all 2 are here; tcp://1 leads"},
+             Row{{leads, gone},
+                 doubtful,
+                 "1 of 2 are here: tcp://1 is gone; jobs are kept by 1 of 2; tcp://0 leads"},
+             Row{{stands_by, gone, unheard, leads},
+                 doubtful,
+                 "2 of 4 are here: tcp://1 is gone, tcp://2 was not heard of yet; jobs are kept by "
+                 "2 of 4; tcp://3 leads"},
+             Row{{leads, fetches},
+                 doubtful,
+                 "all 2 are here; tcp://1 fetches what the others have; jobs are kept by 1 of 2; "
+                 "tcp://0 leads"},
+             Row{{stands_by, stands_by}, doubtful, "all 2 are here; none leads"},
+         }) {
+        CAPTURE(row.text);
+        auto farm = healthy();
+        for (const State state : row.states) {
+            const auto number = static_cast<std::uint8_t>(farm.brokers.size());
+            farm.brokers.push_back(
+                {.broker = state == unheard ? BrokerId{}
+                                            : BrokerId{{static_cast<std::uint8_t>(number + 1)}},
+                 .endpoint = "tcp://" + std::to_string(number),
+                 .program_version = "1",
+                 .is_here = state != gone && state != unheard,
+                 .is_synced = state != fetches && state != unheard,
+                 .leads = state == leads});
+        }
+        const Finding finding = about("brokers", farm);
+        CHECK(finding.grade == row.grade);
+        CHECK(finding.text == row.text);
+        CHECK(finding.cure.empty() == (row.grade == good));
+    }
+}
+
 TEST_CASE("a doctor looks at every side of this machine") {
     const auto findings = examine_machine();
     for (const char* subject : {"settings", "processors", "limits", "pictures", "folder", "state"})

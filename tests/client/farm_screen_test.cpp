@@ -46,7 +46,7 @@ bool has(const std::string& text, std::string_view part) {
 TEST_CASE("the screen shows broker, jobs and workers") {
     const std::string text = text_of(farm(2, 3), {.columns = 120, .rows = 40});
     CHECK(has(text, "2 jobs, 0 not over; 3 workers, 6 threads"));
-    CHECK(has(text, "tcp://127.0.0.1:50057  well   0.1.0    1:30:00"));
+    CHECK(has(text, "tcp://127.0.0.1:50057  alone  0.1.0    1:30:00"));
     CHECK(has(text, "job-2"));
     CHECK(has(text, "worker-003"));
     CHECK_FALSE(has(text, "more"));
@@ -57,7 +57,7 @@ TEST_CASE("off a terminal the broker stands before all jobs and all workers") {
     std::string page = farm_page(view);
     CHECK(page.starts_with("BROKER "));
     const auto jobs = page.find("job-30"), workers = page.find("worker-001");
-    CHECK(page.find("tcp://127.0.0.1:50057  well   0.1.0    1:30:00") < jobs);
+    CHECK(page.find("tcp://127.0.0.1:50057  alone  0.1.0    1:30:00") < jobs);
     CHECK(jobs < workers);
     CHECK(has(page, "job-1 "));
     CHECK(has(page, "worker-100"));

@@ -82,6 +82,22 @@ TEST_CASE("while a broker is looked for, what hinders is said with it") {
                             "listens there), ipc:///a ...\n");
 }
 
+TEST_CASE(
+    "that the broker was lost is said, and whether the same one is found, or another goes on") {
+    Written written(options);
+    LossNotice notice(written.console);
+    notice.update({.connected = true, .broker = "tcp://a:1", .stream = {}});
+    CHECK(written.text().empty());
+    for (const char* found : {"tcp://a:1", "tcp://b:1"}) {
+        notice.update({.connected = false, .broker = "tcp://a:1", .stream = {}});
+        notice.update({.connected = true, .broker = found, .stream = {}});
+    }
+    CHECK(written.text() == "fraja-test: warning: lost the broker at tcp://a:1; looking for it\n"
+                            "fraja-test: found the broker at tcp://a:1 again\n"
+                            "fraja-test: warning: lost the broker at tcp://a:1; looking for it\n"
+                            "fraja-test: goes on with the broker at tcp://b:1\n");
+}
+
 TEST_CASE("workers that nobody answers at are named once, and no others") {
     const net::Context context;
     const auto there = net::RouterSocket::bind(context, "tcp://127.0.0.1:0");

@@ -158,6 +158,7 @@ TEST_CASE("a mistake on fraja-submit's command line ends with 2 and names the op
     for (const Row& row : {Row{"", "SCENE.raj is missing: fraja-submit SCENE.raj"},
                            Row{"a.raj b.raj", "b.raj"},
                            Row{"a.raj --bogus", "--bogus"},
+                           Row{"a.raj --local -b h", "--local and -b/--broker contradict"},
                            Row{"a.raj -r 640", "-r 640"},
                            Row{"a.raj -r 0x1", "-r 0x1"},
                            Row{"a.raj -r 65537x1", "-r 65537x1"},

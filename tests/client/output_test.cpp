@@ -141,6 +141,52 @@ TEST_CASE("the counts of a job are lines of plain words, and a truncated pixel a
     CHECK(counts_page(plain).ends_with("\nrays total        100\n")); // it counts nothing else
 }
 
+TEST_CASE("a job whose tiles are to be checked says what has come of that, also when nothing has") {
+    using Checks = protocol::CheckCounts;
+    using enum protocol::JobPhase;
+    struct Row {
+        double verify;
+        Checks checks;
+        protocol::JobPhase phase;
+        const char *page, *counts;
+    };
+    for (const Row& row : {
+             Row{0, {}, done, "", ""},
+             Row{0.1,
+                 {},
+                 done,
+                 "checked   0 tiles (--verify 0.1: none was picked)\n",
+                 "tiles checked     0 (--verify 0.1: none was picked)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {},
+                 running,
+                 "checked   0 tiles (--verify 0.1: none so far)\n",
+                 "tiles checked     0 (--verify 0.1: none so far)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {7, 0},
+                 done,
+                 "checked   7 tiles\n",
+                 "tiles checked     7 (drawn by two workers, the same)\ntiles unchecked   0\n"},
+             Row{0.1,
+                 {1, 2},
+                 done,
+                 "checked   1 tile; 2 had no second worker\n",
+                 "tiles checked     1 (drawn by two workers, the same)\n"
+                 "tiles unchecked   2 (there was no second worker)\n"},
+         }) {
+        auto state = job();
+        state.verify = row.verify;
+        state.checks = row.checks;
+        state.phase = row.phase;
+        CAPTURE(row.counts);
+        const std::string page = job_page(state);
+        CHECK((page.find("\nchecked ") != std::string::npos) == (*row.page != 0));
+        CHECK(page.find(row.page) != std::string::npos);
+        CHECK(counts_page(state).starts_with(std::string(row.counts) + "rays camera"));
+        CHECK(Json::parse(job_json(state)).at("verify") == row.verify);
+    }
+}
+
 TEST_CASE("a job's page and JSON and its picture name its kernel") {
     for (const auto& [kernel, name] : {std::pair{protocol::KernelChoice::fast, "fast"},
                                        std::pair{protocol::KernelChoice::reference, "reference"}}) {
@@ -202,14 +248,14 @@ TEST_CASE("tables have columns, and words where there is nothing") {
 }
 
 TEST_CASE("why a broker does not answer is told whole, and widens no column") {
-    const std::string why =
-        "no broker reached at tcp://127.0.0.1:1 within 10 s: nothing listens there (fraja-broker)";
+    const std::string why = "not reached from here: that host is not there, or a firewall is in "
+                            "between";
     protocol::FarmState farm;
     farm.broker.program_version = "0.1.0";
     const std::string table =
         brokers_table({{"tcp://127.0.0.1:1", std::nullopt, why}, {"tcp://b:1", farm, ""}});
     CHECK(table.find("tcp://127.0.0.1:1  " + why + "\n") != std::string::npos);
-    CHECK(table.find("tcp://b:1          well   0.1.0 ") != std::string::npos);
+    CHECK(table.find("tcp://b:1          alone  0.1.0 ") != std::string::npos);
 }
 
 TEST_CASE("of several brokers it is told who leads, who stands by, and who is missed") {
@@ -232,6 +278,13 @@ TEST_CASE("of several brokers it is told who leads, who stands by, and who is mi
         CHECK(broker_json({"tcp://a:1", farm, ""})
                   .find(row.leads ? "\"leads\":true" : "\"leads\":false") != std::string::npos);
     }
+}
+
+TEST_CASE("a broker's JSON has the other endpoints that lead to it, where there are") {
+    const protocol::FarmState farm;
+    CHECK_FALSE(Json::parse(broker_json({"tcp://a:1", farm, ""})).contains("also_at"));
+    CHECK(Json::parse(broker_json({"tcp://a:1", farm, "", {"tcp://b:1"}})).at("also_at") ==
+          Json{"tcp://b:1"});
 }
 
 TEST_CASE("a tile's line has its place, size, worker, time and rays") {

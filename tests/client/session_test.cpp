@@ -15,7 +15,9 @@ struct Driver {
     std::vector<Action> actions;
     Instant now{};
 
-    explicit Driver(std::vector<std::string> brokers) : session({std::move(brokers), 10s, "test"}) {
+    explicit Driver(std::vector<std::string> brokers)
+        : Driver(SessionOptions{std::move(brokers), 10s, "test"}) {}
+    explicit Driver(SessionOptions options) : session(std::move(options)) {
         session.start(now, actions);
     }
     Session::Change step(const Event& event) {
@@ -137,6 +139,18 @@ TEST_CASE("a silent broker is lost, said so once, and looked for without end whe
     CHECK_FALSE(d.session.is_open());
     CHECK(d.step(welcome()) == Session::Change::opened);
     CHECK(d.actions.size() == 1); // found again
+}
+
+TEST_CASE("a broker of the own process is not lost, however long it does not get its turn") {
+    Driver d(
+        SessionOptions{.brokers = {"inproc://a"}, .client_name = "test", .is_in_process = true});
+    (void)d.step(welcome());
+    (void)d.step(FromBroker{protocol::Beat{}});
+    while (d.now < Instant{} + 1h) {
+        REQUIRE(d.tick_at_deadline() == Session::Change::none);
+        REQUIRE(d.session.is_open());
+        REQUIRE(count_of<News>(d.actions) == 0);
+    }
 }
 
 TEST_CASE("a broker that was silent more than once is given longer each time, and then forgiven") {

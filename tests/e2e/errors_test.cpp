@@ -96,7 +96,8 @@ TEST_CASE("mistakes on the command line exit with 2 and say what is wrong") {
              Row{{cone, "-b", "", "-o", scratch.file("x.png")}, "-b '': empty, and ENDPOINT"},
              Row{{cone, "--local", "-o", ""}, "-o '': empty, and FILE"},
              Row{{cone, "--local", "--name="}, "--name '': empty, and NAME"},
-             Row{{cone, "--local", "-b", "tcp://127.0.0.1:1"}, "--local and --broker contradict"},
+             Row{{cone, "--local", "-b", "tcp://127.0.0.1:1"},
+                 "--local and -b/--broker contradict"},
          }) {
         const auto result = submit(row.arguments);
         CAPTURE(row.says);

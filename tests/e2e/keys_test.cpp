@@ -127,6 +127,21 @@ TEST_CASE(
     CHECK(jobs("stranger") == 0);
 }
 
+TEST_CASE("a key that names a farm's is not told to be one itself") {
+    const Scratch scratch;
+    const auto farm = run({{program("fraja-ctl"), "keygen", "-o", scratch.file("farm")}}, patience);
+    REQUIRE(farm.has_value());
+    REQUIRE(farm->exit == 0);
+    CHECK(contains(farm->err, "lets it in, as the key of a farm it is what --broker-key names\n"));
+    const std::string key = farm->out.substr(0, farm->out.find('\n'));
+    const auto own =
+        run({{program("fraja-ctl"), "keygen", "-o", scratch.file("ada"), "--broker-key", key}},
+            patience);
+    REQUIRE(own.has_value());
+    CHECK(own->exit == 0);
+    CHECK(contains(own->err, "in the allow-list of fraja-broker lets it in\n"));
+}
+
 TEST_CASE("no secret shows in arguments, logs, errors or core dumps") {
     const Ring ring;
     ring.allow({{"worker", "worker"}, {"ada", "submit,admin"}});

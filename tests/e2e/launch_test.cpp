@@ -366,14 +366,16 @@ TEST_CASE("slurm/submit gives Slurm the jobs of a farm") {
         Words options;
         std::string says;
     };
-    for (const Row& row : {Row{{"--broker-file", file}, "says that a broker runs at tcp://h:2"},
-                           Row{{"--broker", "h:1", "--broker-file", file}, "exclude each other"},
-                           Row{{"--workers", "0"}, "--workers 0"},
-                           Row{{"--partition=p"}, "those of sbatch stand behind --"},
-                           Row{{"--broker-file", "/no/such/file"}, "there is no such directory"},
-                           Row{{"--key-file", keys}, "--broker-key-file and --allow"},
-                           Row{{"--broker", "h:1", "--allow", allow}, "names one that runs"},
-                           Row{{"--broker", "h:1", "--key-file", open}, "others may read it"}}) {
+    for (const Row& row :
+         {Row{{"--insecure", "--broker-file", file}, "says that a broker runs at tcp://h:2"},
+          Row{{"--workers", "2"}, "or --insecure, only on a network that you trust"},
+          Row{{"--broker", "h:1", "--broker-file", file}, "exclude each other"},
+          Row{{"--workers", "0"}, "--workers 0"},
+          Row{{"--partition=p"}, "those of sbatch stand behind --"},
+          Row{{"--insecure", "--broker-file", "/no/such/file"}, "there is no such directory"},
+          Row{{"--key-file", keys}, "--broker-key-file and --allow"},
+          Row{{"--broker", "h:1", "--allow", allow}, "names one that runs"},
+          Row{{"--broker", "h:1", "--key-file", open}, "others may read it"}}) {
         CAPTURE(row.says);
         const RunResult refused = submit_farm(row.options);
         CHECK(refused.exit == 2);
@@ -382,4 +384,10 @@ TEST_CASE("slurm/submit gives Slurm the jobs of a farm") {
         CHECK(contains(refused.err, row.says));
         CHECK_FALSE(fs::exists(scratch.file("said")));
     }
+    // Nobody else reaches it there, so it starts without keys as well; at one of the two they do.
+    const std::string other = scratch.file("other.endpoint");
+    const Words bind{"FRAJA_BIND=tcp://127.0.0.1:0"};
+    CHECK(submit_farm({"--broker-file", other}, bind).exit == 2);
+    CHECK(submit_farm({"--broker-file", other}, with(bind, {"FRAJA_PUBLISH=tcp://[::1]:0"})).exit ==
+          0);
 }
