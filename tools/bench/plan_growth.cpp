@@ -51,8 +51,11 @@ std::vector<Shape> shapes_of(std::uint32_t machines, std::uint32_t sites) {
     const std::string of_sites = std::to_string(sites) + " sites: ";
     shapes.push_back({of_sites + "one broker", {}, true});
     shapes.push_back({of_sites + "a branch each", {sites}, true});
-    if (machines >= 10'000)
-        shapes.push_back({of_sites + times(two / sites) + " each", {sites, two / sites}, true});
+    if (machines >= 10'000) {
+        shapes.push_back(
+            {of_sites + times(two / sites) + " each, below one", {sites, two / sites}, true});
+        shapes.push_back({of_sites + times(two) + " in all, each at the root", {two}, true});
+    }
     return shapes;
 }
 
