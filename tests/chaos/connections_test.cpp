@@ -3,6 +3,7 @@
 #include "common/base/rng.hpp"
 #include "tests/e2e/farm.hpp"
 
+#include <algorithm>
 #include <arpa/inet.h>
 #include <array>
 #include <cerrno>
@@ -11,11 +12,14 @@
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <vector>
 
 using namespace fraja;
 using namespace fraja::e2e;
@@ -187,6 +191,8 @@ bool is_closed(int fd, Duration timeout) {
         const ssize_t n = ::recv(fd, bytes.data(), bytes.size(), MSG_DONTWAIT);
         if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR))
             return true;
+        if (n > 0)
+            continue; // there may be more, or the end
         const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
             end - std::chrono::steady_clock::now());
         if (left.count() <= 0)
@@ -245,4 +251,99 @@ TEST_CASE("handshakes that nobody finishes are closed, cost no memory, and keep 
     if (!instrumented)
         CHECK(after - before < growth_max_mib);
     CHECK(!farm.broker().wait_for_exit(0s).has_value());
+}
+
+namespace {
+
+/// Words before a program's own: it may have so many descriptors, and cannot raise that.
+Words with_descriptors(std::size_t count) {
+    return {"/bin/sh", "-c", "ulimit -n " + std::to_string(count) + "; exec \"$@\"", "sh"};
+}
+
+std::size_t descriptors_of(pid_t pid) {
+    const fs::directory_iterator open("/proc/" + std::to_string(pid) + "/fd");
+    return static_cast<std::size_t>(std::distance(open, fs::directory_iterator()));
+}
+
+/// Connections that are kept open, and what is said on each of them at first.
+class Idlers {
+public:
+    Idlers(const std::string& endpoint, std::size_t count, const std::string& words) {
+        Rng rng(3);
+        for (std::size_t i = 0; i < count; ++i) {
+            connections_.push_back(connect_from_somewhere(rng, endpoint));
+            if (!words.empty())
+                static_cast<void>(
+                    ::send(connections_.back(), words.data(), words.size(), MSG_NOSIGNAL));
+        }
+    }
+    ~Idlers() {
+        for (const int fd : connections_)
+            ::close(fd);
+    }
+    Idlers(const Idlers&) = delete;
+    Idlers& operator=(const Idlers&) = delete;
+    [[nodiscard]] int first() const { return connections_.front(); }
+
+private:
+    std::vector<int> connections_;
+};
+
+/// Waits until the program has all that it may have.
+void wait_until_full(Process& program, std::size_t descriptors) {
+    const auto end = std::chrono::steady_clock::now() + patience;
+    while (descriptors_of(program.pid()) < descriptors) {
+        REQUIRE(std::chrono::steady_clock::now() < end);
+        REQUIRE(!program.wait_for_exit(10ms).has_value());
+    }
+}
+
+} // namespace
+
+TEST_CASE("a broker whose descriptors are all taken serves who is there, and then others again") {
+    constexpr std::size_t descriptors = 300, idlers = 400;
+    const Scratch scratch;
+    const Words small = {scene("cone"), "-r", "160x120"};
+    const std::string want = local_picture(scratch, small);
+    const std::string want_long = local_picture(scratch, long_picture(), "long.png");
+    Farm farm({"--heartbeat", heartbeat_option, "--state", scratch.file("state")},
+              with_descriptors(descriptors));
+    REQUIRE(farm.broker().wait_for_words(Process::Stream::err, "there is room for ", patience));
+    const auto submit_small = [&](const std::string& name, const Words& options) {
+        Words words = with(small, {"-o", scratch.file(name)});
+        return farm.submit(with(words, options)).exit;
+    };
+
+    SUBCASE("by connections that say nothing: they are closed, and a newcomer has its turn") {
+        farm.add_worker("one");
+        const Idlers silent(farm.endpoint(), idlers, "");
+        wait_until_full(farm.broker(), descriptors);
+        CHECK(submit_small("meanwhile.png", {"--connect-timeout", "60s"}) == 0);
+        CHECK((bytes_of(scratch.file("meanwhile.png")) == want));
+        CHECK(is_closed(silent.first(), 0s));
+    }
+    SUBCASE("by connections that are well formed, and stay") {
+        const std::string job = farm.detach(long_picture());
+        Process watcher = farm.watch_from_the_start(
+            job, {"--json", "--preview", "none", "-o", scratch.file("watched.png")});
+        farm.add_worker("one");
+        wait_for_tiles(watcher, 1);
+        {
+            const Idlers friendly(farm.endpoint(), idlers, greeting() + ready("DEALER"));
+            wait_until_full(farm.broker(), descriptors);
+            CHECK(submit_small("none.png", {"--connect-timeout", "1s"}) == 3);
+            CHECK(watcher.wait_for_exit(patience) == 0); // who was there noticed nothing
+            CHECK((bytes_of(scratch.file("watched.png")) == want_long));
+            CHECK(descriptors_of(farm.broker().pid()) == descriptors);
+            CHECK(!is_closed(friendly.first(), 0s));
+        }
+        CHECK(submit_small("after.png", {"--connect-timeout", "60s"}) == 0);
+        CHECK((bytes_of(scratch.file("after.png")) == want));
+    }
+    farm.broker().send(SIGTERM);
+    CHECK(farm.broker().wait_for_exit(patience) == 0);
+    const std::string& said = farm.broker().err();
+    const std::string why = "no more file descriptors";
+    CHECK(said.find(why) == said.rfind(why)); // once
+    CHECK(std::count(said.begin(), said.end(), '\n') < 60);
 }

@@ -25,6 +25,19 @@ std::uint64_t bytes_of(const protocol::Message& message) {
     return bytes;
 }
 
+Duration service_of(const ServiceTimes& times, const protocol::Message& heard) {
+    if (std::holds_alternative<protocol::WorkerBeat>(heard))
+        return times.beat;
+    const auto* answer = std::get_if<protocol::TileRendered>(&heard);
+    if (!answer)
+        return {};
+    std::uint64_t pixel_bytes = 0;
+    for (const Blob& blob : answer->blobs)
+        pixel_bytes += blob.size();
+    return times.answer +
+           from_seconds(seconds(times.mib) * static_cast<double>(pixel_bytes) / (1 << 20));
+}
+
 void note(Traffic& traffic, const protocol::Message& heard) {
     ++traffic.heard;
     traffic.beats += std::holds_alternative<protocol::WorkerBeat>(heard);
@@ -63,6 +76,13 @@ void Network::thaw_when_due(Process& process) {
                 process.backlog.pop_front();
         }
     });
+}
+
+void Network::be_busy(Duration service) {
+    if (service <= Duration::zero())
+        return;
+    traffic_.busy += service;
+    broker_.frozen_until = std::max(broker_.frozen_until, farm_.now() + service);
 }
 
 // Deadlines move with every step: so one tick is planned, and looks again when it comes too soon.
@@ -175,7 +195,9 @@ bool Network::to_broker(Line& line, protocol::Message& message) {
                      line.hellos_heard = hellos;
                      note(traffic_, arrived);
                      in_process(broker_, [this, peer, arrived = std::move(arrived)]() mutable {
+                         const Duration service = service_of(farm_.scenario.service, arrived);
                          broker_hears(std::move(peer), std::move(arrived));
+                         be_busy(service);
                      });
                  });
     return true;

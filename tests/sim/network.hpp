@@ -108,6 +108,8 @@ public:
 
 private:
     void thaw_when_due(Process& process);
+    /// The broker is, from now on, with what it has just heard.
+    void be_busy(Duration service);
     void plan_tick(Process& process, Instant when);
     [[nodiscard]] Instant arrival(const Line& line, Instant& last, Instant sent);
     /// Does `arrive(message)` then, and again where it comes twice.

@@ -160,6 +160,29 @@ TEST_CASE("what shares a pipe goes through it one after the other, each way by i
     CHECK(pair.network.traffic().connections == 1);
 }
 
+TEST_CASE("what comes to a broker that is busy waits, in order") {
+    Scenario s = scenario_with(0, {});
+    s.faults.delay_min = s.faults.delay_max = 1ms;
+    s.service = {.answer = 2s, .mib = 40s, .beat = 10ms};
+    Pair pair(s);
+    std::vector<Instant> heard_at;
+    pair.network.broker_hears = [&](const broker::PeerId&, protocol::Message&&) {
+        heard_at.push_back(pair.farm.now());
+    };
+    const Instant sent = pair.farm.now();
+    for (std::uint32_t i = 0; i < 3; ++i)
+        pair.say(i);
+    protocol::TileRendered tile;
+    tile.blobs = {Blob(std::vector<std::byte>(std::size_t{1} << 18))};
+    protocol::Message message = std::move(tile);
+    REQUIRE(pair.network.to_broker(pair.line, message));
+    pair.say_hello();
+    pair.run();
+    CHECK(heard_at ==
+          std::vector{sent + 1ms, sent + 11ms, sent + 21ms, sent + 31ms, sent + 12s + 31ms});
+    CHECK(pair.network.traffic().busy == 12s + 30ms);
+}
+
 TEST_CASE("a cut goes between a group and all others, and nowhere else") {
     const Scenario s = scenario_with(0, {});
     Farm farm(s);

@@ -76,6 +76,14 @@ struct JobPlan {
     WorkMap work; ///< of a pass, that of 4 samples
 };
 
+/// How long a broker's one loop is busy with what it hears; whatever comes meanwhile waits, in
+/// order.
+struct ServiceTimes {
+    Duration answer{}; ///< a tile that was drawn: taken in, told, and the next one handed out
+    Duration mib{};    ///< each MiB of its pixels
+    Duration beat{};   ///< a worker's heartbeat, and its answer
+};
+
 struct StorePlan {
     bool there = false;
     Duration commit_max = std::chrono::milliseconds(20); ///< that one takes
@@ -86,6 +94,7 @@ struct Scenario {
     Faults faults;
     broker::Limits limits;
     StorePlan store;
+    ServiceTimes service; ///< of each broker, and of each branch with those below it
     std::vector<WorkerPlan> workers;
     std::vector<BranchPlan> branches;
     std::vector<PipePlan> pipes;
@@ -122,6 +131,7 @@ struct Traffic {
     std::uint64_t beats = 0;           ///< workers', of what was heard
     std::uint64_t answers = 0;         ///< tiles that were drawn, of what was heard
     std::uint64_t pixel_bytes = 0;     ///< of these
+    Duration busy{};                   ///< that it was, by the scenario's service times
     std::size_t connections = 0;       ///< in the end
 };
 

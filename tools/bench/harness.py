@@ -1,6 +1,12 @@
 """What the benchmarks' scripts share."""
 import os, socket, struct, subprocess, sys, time
 
+def answer_help(text):
+    """Ends the program where that is all that is wanted."""
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        print(text)
+        sys.exit()
+
 def build_target(target):
     """Goes to the project's root and builds it there."""
     os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..'))

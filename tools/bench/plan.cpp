@@ -1,15 +1,11 @@
-// plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] [--frames N]
-// [--film] [--csv FILE] SCENE.raj...
-// plan --growth [--quick] [-r WxH] [-d N] [--workers N,N...] [--job-s N] [--sites N] [--site-ms N]
-// [--site-mbit N] [--answer-us N] [--mib-us N] [--beat-us N] SCENE.raj
-//
 // How well a farm would use its workers, from one to ten thousand: the real broker, workers and
 // client in pretend time (tests/sim), with what a scene's parts really cost, counted once. Prints
 // tables in Markdown, and where a farm's time goes. What the broker itself computes takes no time
-// here.
+// here, but with --growth.
 //
-// --growth: what one broker, trees of brokers and several sites make of ever more machines, and
-// what that costs the brokers: messages as they are counted, times what one was measured to take.
+// --growth: what one broker, trees of brokers and several sites make of ever more machines. There a
+// broker is busy with each tile and heartbeat for as long as one was measured to be, and what comes
+// meanwhile waits: so where one is not enough the farm is late.
 #include "common/base/allowance.hpp"
 #include "common/render/render.hpp"
 #include "common/scene/raj_reader.hpp"
@@ -20,6 +16,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -49,10 +46,31 @@ struct Options {
 };
 
 constexpr const char* usage =
-    "plan [--quick] [-r WxH] [-d N] [--workers N,N...] [--rays-per-s R] [--delay-us N] "
-    "[--frames N] [--film] [--csv FILE] SCENE.raj...\n"
-    "plan --growth [--quick] [-r WxH] [-d N] [--workers N,N...] [--job-s N] [--sites N] "
-    "[--site-ms N] [--site-mbit N] [--answer-us N] [--mib-us N] [--beat-us N] SCENE.raj";
+    R"(plan [OPTION...] SCENE.raj...: how well a farm would use its workers
+plan --growth [OPTION...] SCENE.raj: what becomes of it with ever more machines, and of its brokers
+
+The real broker, workers and client in pretend time, with what a scene's parts really cost. Prints
+tables in Markdown.
+
+  -r WxH            of the picture; 640x480 without it
+  -d N              depth of recursion
+  --workers N,N...  1,8,32,48,128,1000,10000 without it; with --growth 10,1000,100000
+  --delay-us N      of each message; 100 without it
+  --quick           few workers: to see that it works
+
+  --rays-per-s R    of a worker; 8,791 without it, as the server of 2002's report
+  --frames N        of the film; 24 without it
+  --film            the film's table alone
+  --csv FILE        the tables once more, for programs
+
+With --growth:
+  --job-s N         that all machines together take for the picture at best; 20 without it
+  --sites N         of some rows; 4 without it
+  --site-ms N       from a site to the root's, each way; 40 without it
+  --site-mbit N     likewise, each way; 1000 without it
+  --answer-us N     that a broker is busy with a tile that comes; 41 without it
+  --mib-us N        and with each MiB of its pixels; 3200 without it
+  --beat-us N       and with a heartbeat; 25 without it)";
 
 std::vector<std::uint32_t> counts_of(const std::string& text) {
     std::vector<std::uint32_t> counts;
@@ -90,7 +108,10 @@ Options parse(int argc, char** argv) {
     Options o;
     for (int i = 1; i < argc; ++i) {
         const std::string word = argv[i];
-        if (word == "--quick")
+        if (word == "-h" || word == "--help") {
+            std::puts(usage);
+            std::exit(EXIT_SUCCESS);
+        } else if (word == "--quick")
             o.quick = true;
         else if (word == "-r")
             o.settings.size = extent_of(argv[++i]);

@@ -19,6 +19,13 @@ struct Shape {
     std::string name;
     std::vector<std::size_t> fan;
     bool of_sites = false; ///< the root is at none of these: what is below it is, in turn
+    /// Machines of each of the lowest, at most.
+    [[nodiscard]] std::size_t machines_each(std::uint32_t machines) const {
+        std::size_t brokers = 1;
+        for (const std::size_t below : fan)
+            brokers *= below;
+        return (machines + brokers - 1) / brokers;
+    }
 };
 
 /// So many brokers that each has about as many connections, on a level.
@@ -44,9 +51,16 @@ std::vector<Shape> shapes_of(std::uint32_t machines, std::uint32_t sites) {
     const std::string of_sites = std::to_string(sites) + " sites: ";
     shapes.push_back({of_sites + "one broker", {}, true});
     shapes.push_back({of_sites + "a branch each", {sites}, true});
-    if (machines > 10'000)
-        shapes.push_back({of_sites + times(two / sites) + " each", {sites, two / sites}, true});
+    if (machines >= 10'000) {
+        shapes.push_back(
+            {of_sites + times(two / sites) + " each, below one", {sites, two / sites}, true});
+        shapes.push_back({of_sites + times(two) + " in all, each at the root", {two}, true});
+    }
     return shapes;
+}
+
+Duration from_us(double us) {
+    return from_seconds(us / 1e6);
 }
 
 sim::Scenario scenario_of(const GrowthOptions& o, std::uint32_t machines, const Shape& shape,
@@ -58,6 +72,9 @@ sim::Scenario scenario_of(const GrowthOptions& o, std::uint32_t machines, const 
     s.compile_min = s.compile_max = 1ms;
     s.pixels = false;
     s.ends_at = 24h;
+    s.service = {.answer = from_us(o.costs.answer_us),
+                 .mib = from_us(o.costs.mib_us),
+                 .beat = from_us(o.costs.beat_us)};
     if (shape.of_sites)
         s.pipes.resize(o.sites, {o.site_delay, o.site_mbit_per_s * 1e6 / 8});
     std::size_t above = 0, above_count = 1; // the level's first broker, and how many it has
@@ -85,14 +102,6 @@ sim::Scenario scenario_of(const GrowthOptions& o, std::uint32_t machines, const 
     return s;
 }
 
-/// Of a processor, in a second.
-double load_of(const sim::Traffic& t, double elapsed_s, const BrokerCosts& c) {
-    const double mib = static_cast<double>(t.pixel_bytes) / (1 << 20);
-    return (static_cast<double>(t.answers) * c.answer_us + mib * c.mib_us +
-            static_cast<double>(t.beats) * c.beat_us) /
-           1e6 / elapsed_s;
-}
-
 void print_row(const GrowthOptions& o, std::uint32_t machines, const Shape& shape,
                const sim::Report& report, Extent size) {
     const double elapsed_s = seconds(report.jobs[0].done_at - report.jobs[0].submitted_at);
@@ -107,13 +116,13 @@ void print_row(const GrowthOptions& o, std::uint32_t machines, const Shape& shap
                 static_cast<unsigned long long>(tiles), root.connections,
                 static_cast<double>(root.heard + root.said) * per_s,
                 static_cast<double>(root.answers) * per_s, static_cast<double>(root.beats) * per_s,
-                load_of(root, elapsed_s, o.costs),
+                seconds(root.busy) * per_s,
                 o.costs.base_mib + picture_mib +
                     static_cast<double>(root.connections) * o.costs.connection_kib / 1024);
     double busiest = 0;
     std::size_t most = 0;
     for (std::size_t i = 1; i < report.traffic.size(); ++i) {
-        busiest = std::max(busiest, load_of(report.traffic[i], elapsed_s, o.costs));
+        busiest = std::max(busiest, seconds(report.traffic[i].busy) * per_s);
         most = std::max(most, report.traffic[i].connections);
     }
     if (report.traffic.size() > 1)
@@ -123,15 +132,21 @@ void print_row(const GrowthOptions& o, std::uint32_t machines, const Shape& shap
     std::fflush(stdout);
 }
 
-/// What heartbeats alone would take.
+/// What heartbeats alone would take, of whoever would have too many machines.
 void print_refused(const GrowthOptions& o, std::uint32_t machines, const Shape& shape) {
     const broker::Limits limits;
-    const double beats_per_s = machines / seconds(limits.heartbeat);
-    std::printf(
-        "| %u | %s | refused: %zu workers at most | | | %u | | | %.0f | %.3f | %.0f | | |\n",
-        machines, shape.name.c_str(), limits.workers_max, machines, beats_per_s,
-        beats_per_s * o.costs.beat_us / 1e6,
-        o.costs.base_mib + machines * o.costs.connection_kib / 1024);
+    const auto each = static_cast<double>(shape.machines_each(machines));
+    const double beats_per_s = each / seconds(limits.heartbeat);
+    std::printf("| %u | %s | refused: %zu workers at most | | | ", machines, shape.name.c_str(),
+                limits.workers_max);
+    if (shape.fan.empty())
+        std::printf("%.0f | | | %.0f | %.3f | %.0f | | |\n", each, beats_per_s,
+                    beats_per_s * o.costs.beat_us / 1e6,
+                    o.costs.base_mib + each * o.costs.connection_kib / 1024);
+    else
+        std::printf("%zu | | | | | | %.0f | %.3f |\n", shape.fan.front(), each,
+                    beats_per_s * o.costs.beat_us / 1e6);
+    std::fflush(stdout);
 }
 
 } // namespace
@@ -140,18 +155,21 @@ void plan_growth(const GrowthOptions& o, const sim::WorkMap& work, Extent size) 
     const BrokerCosts& c = o.costs;
     std::printf(
         "\nMachines have one thread each, and together draw the picture in %.0f s at best; %u "
-        "sites, "
-        "%.0f ms and %.0f Mbit/s from each to the root's. A broker takes %.3g us of a processor "
-        "for a tile, %.3g for each MiB of it, and %.3g for a heartbeat; %.3g MiB, and %.3g KiB for "
-        "a connection.\n\n",
+        "sites, %.0f ms and %.0f Mbit/s from each to the root's. A broker is busy for %.3g us with "
+        "a "
+        "tile, %.3g with each MiB of it, and %.3g with a heartbeat, and what comes meanwhile "
+        "waits; it "
+        "takes %.3g MiB, and %.3g KiB for a connection. What its core computes beyond that takes "
+        "no "
+        "time here.\n\n",
         seconds(o.job), o.sites, 1e3 * seconds(o.site_delay), o.site_mbit_per_s, c.answer_us,
         c.mib_us, c.beat_us, c.base_mib, c.connection_kib);
     std::printf("| machines | connected by | seconds | useful | tiles | root: connections | "
-                "messages/s | tiles/s | beats/s | CPU s/s | MiB | branch: connections | CPU s/s |\n"
+                "messages/s | tiles/s | beats/s | busy | MiB | branch: connections | busy |\n"
                 "|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n");
     for (const std::uint32_t machines : o.machines)
         for (const Shape& shape : shapes_of(machines, o.sites)) {
-            if (shape.fan.empty() && machines > broker::Limits{}.workers_max) {
+            if (shape.machines_each(machines) > broker::Limits{}.workers_max) {
                 print_refused(o, machines, shape);
                 continue;
             }
