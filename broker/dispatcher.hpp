@@ -171,6 +171,7 @@ private:
         bool is_configured = false;
         std::optional<BrokerId> broker; ///< who is there, as far as is known
         Instant hello_at{};             ///< the last one
+        Instant told_at{};              ///< when another broker last told of it
     };
     struct Colleague {
         std::optional<PeerId> peer;           ///< by which it has come here

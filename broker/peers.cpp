@@ -27,12 +27,15 @@ std::string of_one_version(Version theirs) {
 void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
     Line& line = lines_[endpoint];
     line.is_configured = line.is_configured || is_configured;
+    line.told_at = now_;
     actions_->push_back(Dial{endpoint});
     say_hello(endpoint, line);
 }
 
 /// Who is told of, and cannot be reached by any connection that there is.
 void Dispatcher::consider_dialling(const Member& member) {
+    if (const auto line = lines_.find(member.endpoint); line != lines_.end())
+        line->second.told_at = now_;
     const bool is_known = member.endpoint.empty() || member.broker == identity_.broker ||
                           member.endpoint == identity_.endpoint || // in an earlier life
                           lines_.contains(member.endpoint) ||
@@ -308,6 +311,15 @@ void Dispatcher::forget_brokers_that_are_gone() {
             gone.push_back(id);
     for (const BrokerId& id : gone)
         forget_broker(id);
+    // Who has forgotten it a moment later has told of it once more.
+    std::erase_if(lines_, [&](const auto& entry) {
+        const Line& line = entry.second;
+        if (line.is_configured || line.broker ||
+            now_ - line.told_at <= limits_.heartbeat * limits_.liveness)
+            return false;
+        actions_->push_back(HangUp{entry.first});
+        return true;
+    });
 }
 
 /// Where it was found goes, too, unless that was configured.

@@ -136,6 +136,24 @@ TEST_CASE("a watcher hears that a job has lost a copy, and that it has one again
     CHECK(last_told() == 1);
 }
 
+TEST_CASE("a broker that is gone for long is forgotten by all, though not at the same moment") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    fleet.cut(0, 2); // the first one forgets it sooner
+    fleet.pass(500ms);
+    fleet.kill(2);
+    fleet.pass(1s);
+    const JobId job = fleet.submit(0, "c", Farm::picture(1, 3));
+    fleet.pass(3s);
+    for (std::size_t i = 0; i < 2; ++i)
+        CHECK(fleet.state(i, job)->copies_wanted == 2);
+    fleet.pass(fleet.limits.absence_max + 10s);
+    for (std::size_t i = 0; i < 2; ++i) {
+        CHECK(fleet.state(i, job)->copies_wanted == 1);
+        CHECK(fleet.nodes[i].dialled.size() == 1);
+    }
+}
+
 TEST_CASE("a lone broker wants no copies") {
     Fleet fleet(1);
     fleet.pass(4s);
