@@ -310,9 +310,9 @@ std::optional<Finding> examine_company(const protocol::FarmState& farm) {
     text += "; " + (leader.empty() ? "none leads" : leader + " leads");
     if (here < all)
         return Finding{doubtful, "brokers", text,
-                       "start what is gone again; of what is gone for good: ten minutes later "
-                       "start the others "
-                       "anew, one after the other, without it among their --peer"};
+                       "start what is gone again; what is gone for good is forgotten in ten "
+                       "minutes, but by those that name it by --peer: start these anew without it, "
+                       "one after the other"};
     if (keepers < all || leader.empty())
         return Finding{doubtful, "brokers", text, "a matter of seconds; else their logs say more"};
     return Finding{good, "brokers", text, {}};
