@@ -172,6 +172,8 @@ private:
         std::optional<BrokerId> broker; ///< who is there, as far as is known
         Instant hello_at{};             ///< the last one
         Instant told_at{};              ///< when another broker last told of it
+        Instant dialled_at{};
+        bool is_missed = false; ///< nobody has answered for long, and that was said
     };
     struct Colleague {
         std::optional<PeerId> peer;           ///< by which it has come here
@@ -204,6 +206,7 @@ private:
     void from_broker(const BrokerId& broker, const Route& route, const protocol::Message& message);
     void keep_company();
     void note_who_is_here();
+    void note_who_never_was();
     void forget_brokers_that_are_gone();
     void forget_broker(const BrokerId& id);
     void forget_predecessors(const protocol::BrokerHello& hello);

@@ -12,6 +12,7 @@
 #include "common/cli/parse.hpp"
 #include "common/cli/state_folder.hpp"
 #include "common/discovery/announcer.hpp"
+#include "common/discovery/source.hpp"
 #include "common/net/descriptors.hpp"
 #include "common/net/endpoint.hpp"
 #include "common/protocol/limits.hpp"
@@ -89,6 +90,10 @@ Result<void> read_quarantine(const std::string& text, broker::Limits& limits) {
 
 /// As sockets take it.
 Result<void> complete_endpoint(const char* option, std::string& endpoint) {
+    if (discovery::is_source(endpoint))
+        return Error{ErrorCode::invalid_argument, std::string(option) + " " + endpoint +
+                                                      ": no broker is looked for here; name it, "
+                                                      "HOST:PORT"};
     auto whole = net::endpoint_to_connect(endpoint, net::broker_port);
     if (!whole)
         return Error{whole.error().code, std::string(option) + ": " + whole.error().message};

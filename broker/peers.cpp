@@ -15,6 +15,8 @@ using namespace protocol;
 
 namespace {
 
+constexpr int missed_beats = 10; ///< heartbeats after which it is said of a peer
+
 std::string of_one_version(Version theirs) {
     return "brokers that stand for each other speak one version of the protocol, and it speaks " +
            std::to_string(theirs) + ", this one " + std::to_string(protocol::version);
@@ -27,7 +29,7 @@ std::string of_one_version(Version theirs) {
 void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
     Line& line = lines_[endpoint];
     line.is_configured = line.is_configured || is_configured;
-    line.told_at = now_;
+    line.told_at = line.dialled_at = now_;
     actions_->push_back(Dial{endpoint});
     say_hello(endpoint, line);
 }
@@ -161,6 +163,11 @@ void Dispatcher::on(const BrokerSaid& event) {
     if (const auto* hello = std::get_if<BrokerHello>(&event.message)) {
         if (hello->broker == identity_.broker) { // it was this broker that it dialled
             own_endpoints_.insert(event.endpoint);
+            if (line.is_configured)
+                log({.level = LogLevel::warning,
+                     .kind = "peer_is_self",
+                     .subject = event.endpoint,
+                     .text = "--peer " + event.endpoint + " is this broker itself"});
             actions_->push_back(HangUp{event.endpoint});
             lines_.erase(found);
             return;
@@ -267,7 +274,9 @@ void Dispatcher::keep_company() {
         log({.level = LogLevel::info,
              .kind = "synced",
              .subject = {},
-             .text = "has all that the other brokers have: " + counted(jobs_.size(), "job")});
+             .text = (colleagues_.empty() ? "has heard no other broker, and goes on alone: "
+                                          : "has all that the other brokers have: ") +
+                     counted(jobs_.size(), "job")});
     }
     fetch_scenes_anew();
     for (auto& [id, job] : jobs_) {
@@ -277,6 +286,7 @@ void Dispatcher::keep_company() {
     settle_numbers();
     wait_no_longer_for_silent_workers();
     note_who_is_here();
+    note_who_never_was();
     forget_brokers_that_are_gone();
     if (members() != told_members_)
         tell_of_brokers();
@@ -302,6 +312,21 @@ void Dispatcher::note_who_is_here() {
             colleague.repaired.clear();
         }
     }
+}
+
+/// A name may be wrong.
+void Dispatcher::note_who_never_was() {
+    for (auto& [endpoint, line] : lines_)
+        if (line.is_configured && !line.broker && !line.is_missed &&
+            now_ - line.dialled_at >= limits_.heartbeat * missed_beats) {
+            line.is_missed = true;
+            log({.level = LogLevel::warning,
+                 .kind = "peer_missed",
+                 .subject = endpoint,
+                 .text = "--peer " + endpoint +
+                         ": no broker has answered there yet (is it started, "
+                         "and is that where it listens?); asking on"});
+        }
 }
 
 void Dispatcher::forget_brokers_that_are_gone() {

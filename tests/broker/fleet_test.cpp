@@ -154,6 +154,30 @@ TEST_CASE("a broker that is gone for long is forgotten by all, though not at the
     }
 }
 
+TEST_CASE("of a peer that never was, and of one that is the broker itself, the log says so once") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    const auto count = [&](std::string_view kind) {
+        return std::ranges::count(fleet.nodes[0].logs, kind, &Log::kind);
+    };
+    CHECK(count("peer_missed") == 0);
+    fleet.kill(1);
+    fleet.kill(0);
+    fleet.start(0); // whose peer is not there
+    fleet.pass(9s);
+    CHECK(count("peer_missed") == 0);
+    fleet.pass(60s);
+    CHECK(count("peer_missed") == 1);
+    CHECK(std::ranges::any_of(fleet.nodes[0].logs, [](const Log& line) {
+        return line.kind == "synced" && line.text.starts_with("has heard no other broker");
+    }));
+    fleet.event(0, BrokerSaid{"tcp://b1:50057", BrokerHello{.broker = fleet.nodes[0].id,
+                                                            .started_at = {},
+                                                            .endpoint = {},
+                                                            .program_version = {}}});
+    CHECK(count("peer_is_self") == 1);
+}
+
 TEST_CASE("a lone broker wants no copies") {
     Fleet fleet(1);
     fleet.pass(4s);
