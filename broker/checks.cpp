@@ -182,9 +182,10 @@ std::vector<Checks::Unwanted> Checks::forget(const WorkerId& worker) {
 }
 
 std::uint32_t Checks::give_up(const HasOthers& has_others) {
-    if (!contested_.empty())
+    const bool somebody_is_at_one = std::ranges::any_of(
+        open_, [](const auto& entry) { return entry.second.assignment.has_value(); });
+    if (somebody_is_at_one || !contested_.empty())
         return 0;
-    std::vector<CheckId> hopeless;
     for (const auto& [first, checks] : pending_) {
         std::optional<bool> has_second; // of those that nobody has failed at: the same for all
         for (const CheckId id : checks) {
@@ -192,14 +193,12 @@ std::uint32_t Checks::give_up(const HasOthers& has_others) {
             const bool is_plain = check.answers.size() == 1 && check.failed_on.empty();
             if (is_plain && !has_second)
                 has_second = has_others(check);
-            if (!(is_plain ? *has_second : has_others(check)))
-                hopeless.push_back(id);
+            if (is_plain ? *has_second : has_others(check))
+                return 0;
         }
     }
-    if (hopeless.size() < open_.size())
-        return 0;
+    const auto count = static_cast<std::uint32_t>(open_.size());
     clear();
-    const auto count = static_cast<std::uint32_t>(hopeless.size());
     counts_.unchecked += count;
     return count;
 }

@@ -25,7 +25,6 @@ Upstream::Upstream(const net::Context& context, const UpstreamOptions& options,
               on_log(line);
       }) {}
 
-/// To one that another one tells of.
 Result<net::DealerSocket> Upstream::connect(const std::string& told) {
     const auto endpoint = net::endpoint_to_connect(told, net::broker_port);
     if (!endpoint)
@@ -38,7 +37,7 @@ void Upstream::begin(Instant now) {
         return;
     std::vector<net::DealerSocket> sockets;
     for (const std::string& endpoint : options_.brokers) {
-        auto socket = net::DealerSocket::connect(context_, endpoint);
+        auto socket = connect(endpoint);
         if (!socket) {
             on_log_({LogLevel::error, "upstream_unreachable", {}, socket.error().message});
             again_at_ = now + pause_after_trouble;
@@ -65,9 +64,8 @@ std::vector<Event> Upstream::serve(Instant now, std::uint64_t threads) {
         return {};
     if (threads == 0 && !std::exchange(leaving_, true))
         wires_->step(worker::StopNow{}); // somebody else draws it sooner
-    wires_->receive_some();              // a tile that is stopped is answered by the session
-    hand_out_results();
     wires_->keep_time(now);
+    hand_out_results();
     std::vector<Event> events = branch_->take_events();
     let_go_if_over();
     return events;

@@ -116,11 +116,6 @@ void CrewWires::perform(CrewAction action, std::deque<CrewEvent>& events) {
     }
 }
 
-void CrewWires::receive_some() {
-    for (std::size_t slot = 0; slot < wires_.size(); ++slot)
-        receive_some(slot);
-}
-
 void CrewWires::receive_some(std::size_t slot) {
     for (int i = 0; i < wire_events_per_round; ++i) {
         Wire* const wire = this->wire(slot);
@@ -152,7 +147,8 @@ Instant CrewWires::next_deadline() const {
 }
 
 void CrewWires::keep_time(Instant now) {
-    receive_some();
+    for (std::size_t slot = 0; slot < wires_.size(); ++slot)
+        receive_some(slot);
     send_again(now);
     if (has_somebody_to_greet() && now >= crew_.next_deadline())
         step(tick());

@@ -49,7 +49,6 @@ public:
 
     void step(CrewEvent event);
     /// As much as there is, but for a flood.
-    void receive_some();
     void receive_some(std::size_t slot);
     /// What has arrived is heard before silence is judged.
     void keep_time(Instant now);
