@@ -318,4 +318,18 @@ private:
     bool keeps_;
 };
 
+/// What a broker may say of a job.
+inline protocol::JobRecord word_of(const protocol::SubmitJob& picture,
+                                   const protocol::Revision& revision, protocol::JobPhase phase,
+                                   std::vector<protocol::Distrusted> distrusted = {}) {
+    return {.submission = picture,
+            .revision = revision,
+            .number = 1,
+            .passes = 1,
+            .phase = phase,
+            .reason = {},
+            .checks = {},
+            .distrusted = std::move(distrusted)};
+}
+
 } // namespace fraja::broker
