@@ -92,9 +92,12 @@ void Upstream::leave() {
         return;
     if (!std::exchange(leaving_, true))
         wires_->step(worker::StopNow{});
-    for (Instant now = net::now(); !wires_->is_over(); now = net::now()) {
+    while (true) {
+        const Instant now = net::now();
         wires_->keep_time(now);
         (void)branch_->take_events(); // the dispatcher is over
+        if (wires_->is_over())
+            break;
         std::vector<net::Waitable> waitables;
         for (const net::Socket* socket : wires_->sockets())
             waitables.emplace_back(*socket);
