@@ -50,29 +50,39 @@ CREATE TABLE tombstones (
 ) STRICT;
 )";
 
-// Of an earlier version, in place: what a broker that stood alone did not know.
+// From each version to the next one, in place.
+//
+// The first one knew no other brokers.
 constexpr const char* from_version_1 = R"(
-BEGIN IMMEDIATE;
 ALTER TABLE jobs ADD COLUMN revision INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN revised_by BLOB NOT NULL
     DEFAULT x'00000000000000000000000000000000';
-PRAGMA user_version = 2;
-COMMIT;
 )";
 
-// One that compared no tiles, and had its terms from its own clock alone.
+// The second one compared no tiles.
 constexpr const char* from_version_2 = R"(
-BEGIN IMMEDIATE;
-ALTER TABLE farm ADD COLUMN term INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN agreed INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE jobs ADD COLUMN unchecked INTEGER NOT NULL DEFAULT 0;
 CREATE TABLE distrusted (
     job BLOB NOT NULL, worker BLOB NOT NULL, worker_name TEXT NOT NULL, reason TEXT NOT NULL,
     PRIMARY KEY (job, worker)
 ) STRICT, WITHOUT ROWID;
-PRAGMA user_version = 3;
-COMMIT;
 )";
+
+// The third one had its terms from its own clock alone. Its table is made anew, since there have
+// been stores of that version with the column and without it; a term that is lost costs nothing, as
+// the clock is ahead of it unless it was set back.
+constexpr const char* from_version_3 = R"(
+CREATE TABLE new_farm (
+    last_number INTEGER NOT NULL, epoch INTEGER NOT NULL, term INTEGER NOT NULL DEFAULT 0
+) STRICT;
+INSERT INTO new_farm (last_number, epoch) SELECT last_number, epoch FROM farm;
+DROP TABLE farm;
+ALTER TABLE new_farm RENAME TO farm;
+)";
+
+constexpr std::array to_the_next{from_version_1, from_version_2, from_version_3};
+static_assert(to_the_next.size() + 1 == store_version);
 
 // No auto_vacuum: what a forgotten job leaves is used by the next ones, so the file is as large as
 // the most that was ever kept, which the broker bounds; giving it back would mean to move pages.
@@ -119,11 +129,11 @@ Result<void> check_is_database(const fs::path& file) {
     return {};
 }
 
-enum class Origin { ours, version_1, version_2, fresh };
+constexpr std::int64_t nothing_yet = 0;
 
-/// Whether it is a store that this broker knows, or one in which nothing is yet: made a moment ago,
-/// or by a broker that was killed at once.
-Result<Origin> origin_of(Database& database) {
+/// Of a store that this broker knows, or `nothing_yet`: made a moment ago, or by a broker that was
+/// killed at once.
+Result<std::int64_t> version_of(Database& database) {
     const auto application = database.integer("PRAGMA application_id");
     if (!application)
         return application.error();
@@ -134,7 +144,7 @@ Result<Origin> origin_of(Database& database) {
     if (!things)
         return things.error();
     if (*application == 0 && *version == 0 && *things == 0)
-        return Origin::fresh;
+        return nothing_yet;
     if (*application != store_application_id)
         return no_store(database.file());
     if (*version > store_version)
@@ -143,13 +153,9 @@ Result<Origin> origin_of(Database& database) {
                          " was written by a newer fraja-broker (store version " +
                          std::to_string(*version) + ", this one knows " +
                          std::to_string(store_version) + "): use that one, or another --state"};
-    if (*version == 1 && *things > 0)
-        return Origin::version_1;
-    if (*version == 2 && *things > 0)
-        return Origin::version_2;
-    if (*version != store_version || *things == 0)
+    if (*version < 1 || *things == 0)
         return damaged(database.file(), "store version " + std::to_string(*version));
-    return Origin::ours;
+    return *version;
 }
 
 Result<void> check_pages(Database& database) {
@@ -182,6 +188,17 @@ Result<void> make_tables(Database& database) {
         "; PRAGMA user_version = " + std::to_string(store_version) + ";" + tables + "COMMIT");
 }
 
+/// All steps from `version` on, or none.
+Result<void> bring_up_to_date(Database& database, std::int64_t version) {
+    if (version == store_version)
+        return {};
+    std::string steps = "BEGIN IMMEDIATE;";
+    for (auto i = static_cast<std::size_t>(version - 1); i < to_the_next.size(); ++i)
+        steps += to_the_next[i];
+    return database.execute(steps + "PRAGMA user_version = " + std::to_string(store_version) +
+                            "; COMMIT");
+}
+
 } // namespace
 
 Result<Database> open_store_file(const fs::path& file) {
@@ -190,20 +207,17 @@ Result<Database> open_store_file(const fs::path& file) {
     auto database = Database::open(file, DatabaseAccess::writing);
     if (!database)
         return database.error();
-    const auto origin = origin_of(*database);
-    if (!origin)
-        return origin.error();
-    const auto ready = *origin == Origin::fresh ? make_tables(*database) : check_pages(*database);
+    const auto version = version_of(*database);
+    if (!version)
+        return version.error();
+    const auto ready = *version == nothing_yet ? make_tables(*database) : check_pages(*database);
     if (!ready)
         return ready.error();
     if (const auto log = use_log(*database); !log)
         return log.error();
-    if (*origin == Origin::version_1)
-        if (const auto made = database->execute(from_version_1); !made)
-            return made.error();
-    if (*origin == Origin::version_1 || *origin == Origin::version_2)
-        if (const auto made = database->execute(from_version_2); !made)
-            return made.error();
+    if (*version != nothing_yet)
+        if (const auto done = bring_up_to_date(*database, *version); !done)
+            return done.error();
     if (const auto set = database->execute(settings); !set)
         return set.error();
     database->set_untouched(false);

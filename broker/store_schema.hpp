@@ -11,7 +11,7 @@ namespace fraja::broker {
 
 inline constexpr const char* store_file_name = "fraja.sqlite3";
 inline constexpr std::int64_t store_application_id = 0x46524a41; ///< "FRJA"
-inline constexpr std::int64_t store_version = 3; ///< of the tables; a newer one is refused
+inline constexpr std::int64_t store_version = 4; ///< of the tables; a newer one is refused
 
 /// Opens the store's file for its one writer; makes it where there is none. Errors, after which the
 /// file is as it was: version_mismatch where a newer broker wrote it, invalid_argument where it is

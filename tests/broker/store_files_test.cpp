@@ -75,12 +75,12 @@ JobId fill(const fs::path& directory, std::uint32_t tiles) {
 TEST_CASE("a store of a newer broker is refused and says what to do") {
     const TempDirectory directory;
     fill(directory.path(), 1);
-    execute(directory.file(), "PRAGMA user_version = 4");
+    execute(directory.file(), "PRAGMA user_version = 5");
     const std::string before = bytes_of(directory.file());
     const Error error = refusal(directory.path());
     CHECK(error.code == ErrorCode::version_mismatch);
     says(error, directory.file().string() + " was written by a newer fraja-broker (store version "
-                                            "4, this one knows 3): use that one, or another "
+                                            "5, this one knows 4): use that one, or another "
                                             "--state");
     CHECK(bytes_of(directory.file()) == before);
 }
@@ -88,25 +88,36 @@ TEST_CASE("a store of a newer broker is refused and says what to do") {
 TEST_CASE("a store of an earlier broker is read, and goes on as one of this") {
     const TempDirectory directory;
     const JobId job = fill(directory.path(), 3);
-    execute(directory.file(), "DROP TABLE distrusted;"
-                              "ALTER TABLE jobs DROP COLUMN agreed;"
-                              "ALTER TABLE jobs DROP COLUMN unchecked;"
-                              "ALTER TABLE farm DROP COLUMN term;"
-                              "PRAGMA user_version = 2");
-    bool has_revisions = true;
-    SUBCASE("version 2, which compared no tiles") {}
-    SUBCASE("version 1, which stood alone") {
-        has_revisions = false;
-        execute(directory.file(), "ALTER TABLE jobs DROP COLUMN revised_by;"
-                                  "ALTER TABLE jobs DROP COLUMN revision;"
-                                  "PRAGMA user_version = 1");
+    const auto make_earlier = [&](int version, const std::string& what) {
+        execute(directory.file(), what + "PRAGMA user_version = " + std::to_string(version));
+    };
+    int version = 3;
+    SUBCASE("version 3, as it was in the end") {
+        make_earlier(3, "");
     }
+    SUBCASE("version 3, as it was at first, without terms") {
+        make_earlier(3, "ALTER TABLE farm DROP COLUMN term;");
+    }
+    SUBCASE("version 2, which compared no tiles") {
+        version = 2;
+    }
+    SUBCASE("version 1, which stood alone") {
+        version = 1;
+    }
+    if (version <= 2)
+        make_earlier(2, "ALTER TABLE farm DROP COLUMN term;"
+                        "DROP TABLE distrusted;"
+                        "ALTER TABLE jobs DROP COLUMN agreed;"
+                        "ALTER TABLE jobs DROP COLUMN unchecked;");
+    if (version <= 1)
+        make_earlier(1, "ALTER TABLE jobs DROP COLUMN revised_by;"
+                        "ALTER TABLE jobs DROP COLUMN revision;");
     for (int opened = 0; opened < 2; ++opened) {
         Store store = open_store(directory.path());
         const Contents contents = contents_of(store);
         REQUIRE(contents.jobs.size() == 1);
         CHECK(contents.jobs[0].tiles.size() == 3);
-        CHECK((contents.jobs[0].revision == protocol::Revision{} || has_revisions));
+        CHECK((contents.jobs[0].revision == protocol::Revision{} || version > 1));
         CHECK(contents.jobs[0].checks == protocol::CheckCounts{});
         CHECK(contents.jobs[0].distrusted.empty());
         CHECK(contents.jobs[0].submission.job == job);
