@@ -35,6 +35,24 @@ Error trouble(const std::filesystem::path& file, const std::string& what,
     return {code, file.string() + ": " + what};
 }
 
+/// Somebody may have typed the secret itself, which is as long as any key in Z85 (RFC 32).
+bool may_be_key(std::string_view text) {
+    constexpr std::size_t key_characters = 40;
+    constexpr std::string_view alphabet =
+        "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ.-:+=^!/*?&<>()[]{}@%$#";
+    return text.size() == key_characters &&
+           text.find_first_not_of(alphabet) == std::string_view::npos;
+}
+
+Error cannot_be_opened(const std::filesystem::path& file, const char* why) {
+    if (may_be_key(file.native()))
+        return trouble("(not shown, as it may be a key)",
+                       std::string(why) +
+                           ". The name of a file is wanted: a secret that was given as an argument "
+                           "is none any more, fraja-ctl keygen makes another one");
+    return trouble(file, why);
+}
+
 /// systemd gives a service's user its credentials by an access list, which shows as its group's
 /// rights, and root owns them.
 bool is_credential(const std::filesystem::path& file) {
@@ -124,7 +142,7 @@ KeyFile::KeyFile(KeyFile&& other) noexcept
 Result<KeyFile> read_key_file(const std::filesystem::path& path) {
     File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     if (file.fd < 0)
-        return trouble(path, std::strerror(errno));
+        return cannot_be_opened(path, std::strerror(errno));
     struct stat status {};
     if (fstat(file.fd, &status) != 0)
         return trouble(path, std::strerror(errno));

@@ -25,7 +25,8 @@ struct KeyFile {
 };
 
 /// Errors: io, and of a file that others may read or that is somebody else's, with the cure;
-/// invalid_argument for what is no key file. What stands in it is never quoted.
+/// invalid_argument for what is no key file. What stands in it is never quoted, nor is `file` where
+/// it looks like a key itself.
 [[nodiscard]] Result<KeyFile> read_key_file(const std::filesystem::path& file);
 
 /// Makes the file, for its owner alone (0600). Errors: io, also where there is a file: it is never

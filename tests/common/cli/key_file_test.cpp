@@ -69,6 +69,21 @@ TEST_CASE("a key file that others may read is refused with the cure") {
     }
 }
 
+TEST_CASE("a secret that is given in place of its file is not shown") {
+    for (const std::string& given :
+         {secret, std::string("q?9up[acLDlbOQ@[IS}37t%w<F[0GM&?g5BVzNLe"),
+          std::string("//?9up[acLDlbOQ@[IS}37t%w<F[0GM&?g5BVzN/")}) {
+        const auto refused = read_key_file(given);
+        REQUIRE(!refused.has_value());
+        CAPTURE(refused.error().message);
+        CHECK(refused.error().message.find(given.substr(2, 20)) == std::string::npos);
+        CHECK(refused.error().message.find("fraja-ctl keygen") != std::string::npos);
+    }
+    const auto missing = read_key_file("/no/such/file");
+    REQUIRE(!missing.has_value());
+    CHECK(missing.error().message.find("/no/such/file: ") != std::string::npos);
+}
+
 TEST_CASE("what is no key file is refused, and nothing in it is quoted") {
     const KeyFolder folder;
     const fs::path file = folder.path / "key";
