@@ -482,7 +482,7 @@ int run(Arguments& arguments, const std::vector<std::string>& words,
         logger.set_level(anew.log.least());
         tell(
             "read its options again: --lease, --max-attempts, --quarantine, --keep and --log-level "
-            "hold from now on, others from the next start (what is in the --allow file, at once)");
+            "hold from now on, others from the next start");
         return anew.options.limits;
     };
     options.on_stopping = [&] { notifier.stopping("writes down what is done"); };

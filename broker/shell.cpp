@@ -91,6 +91,19 @@ std::string endpoint_for_others(const Options& options, const std::string& bound
     return bound;
 }
 
+/// Whoever is listed with the farm's own key would be taken for one of its brokers.
+Result<void> admit(const net::Context& context, const std::filesystem::path& file) {
+    auto list = net::AllowList::read(file);
+    if (!list)
+        return list.error();
+    if (const auto holder = list->find(context.farm()->text))
+        return Error{ErrorCode::invalid_argument,
+                     file.string() + ": '" + holder->name +
+                         "' has the key of the farm's brokers, and would be taken for one: each of "
+                         "those that are listed has a key of its own (fraja-ctl keygen)"};
+    return context.admit(*std::move(list));
+}
+
 /// Both sockets and the store, with the dispatcher between them.
 class Shell {
 public:
@@ -207,10 +220,10 @@ private:
                 if (options_.on_stopping)
                     options_.on_stopping();
             } else if (*signal == SIGHUP) {
+                read_allow_list_again();
                 if (const auto limits =
                         options_.on_hangup ? options_.on_hangup() : std::optional<Limits>())
                     dispatcher_.change_limits(*limits);
-                read_allow_list_again();
             } else if (*signal == SIGUSR1) {
                 for (const std::string& line : dispatcher_.describe(net::now()))
                     log({LogLevel::info, {}, {}, line});
@@ -224,9 +237,7 @@ private:
         if (options_.allow.empty())
             return;
         const auto before = context_.admitted();
-        auto list = net::AllowList::read(options_.allow);
-        const auto taken = list ? context_.admit(*std::move(list)) : Result<void>(list.error());
-        if (!taken) {
+        if (const auto taken = admit(context_, options_.allow); !taken) {
             log({LogLevel::error,
                  "allow_list_refused",
                  {},
@@ -471,12 +482,9 @@ Error about(const std::string& option, Error error) {
 
 Result<void> run_broker(const net::Context& context, const Options& options,
                         const Control& control) {
-    if (!options.allow.empty()) { // before anything is bound
-        auto list = net::AllowList::read(options.allow);
-        if (const auto taken = list ? context.admit(*std::move(list)) : Result<void>(list.error());
-            !taken)
+    if (!options.allow.empty()) // before anything is bound
+        if (const auto taken = admit(context, options.allow); !taken)
             return about("--allow", taken.error());
-    }
     const bool open_to_all = options.insecure || !options.allow.empty();
     const auto bind = net::endpoint_to_bind(options.bind, net::broker_port, open_to_all);
     if (!bind)

@@ -260,6 +260,7 @@ void Crew::with_session(Turn& turn, std::size_t i, F deed) {
     Session& session = *slots_[i].session;
     buffer_.clear();
     deed(session);
+    reception_ = std::max(reception_, session.reception());
     for (Action& action : buffer_)
         std::visit(
             [&](auto& a) {

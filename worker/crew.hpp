@@ -105,6 +105,8 @@ public:
     /// Those that are not over.
     [[nodiscard]] std::vector<SessionIndex> sessions() const;
     [[nodiscard]] bool is_connected(SessionIndex session) const;
+    /// The best that any broker has given it.
+    [[nodiscard]] Reception reception() const { return reception_; }
     /// With no session: brokers are to be looked for.
     [[nodiscard]] bool is_alone() const;
 
@@ -176,6 +178,7 @@ private:
     Instant shunned_until_{}; // of a crew that looks for brokers, unless it has one
     bool leaving_ = false;
     FinishReason reason_{};
+    Reception reception_ = Reception::nobody;
     std::optional<FinishReason> finished_;
     std::vector<Action> buffer_;
 };

@@ -129,7 +129,9 @@ void describe(CLI::App& app, Arguments& arguments) {
     app.add_option("--hours", arguments.hours_text,
                    "Serve in these hours of the day alone; otherwise rest, and come back")
         ->type_name("20:00-08:00");
-    app.add_option("--idle-exit", arguments.idle_exit, "Leave after so long without a tile")
+    app.add_option("--idle-exit", arguments.idle_exit,
+                   "Leave after so long without a tile; with exit 3 where no broker has "
+                   "answered in all that time, with 4 where they refused")
         ->type_name("T");
     app.add_flag("--once", arguments.duty.once, "Leave when the first work is over");
     app.add_option("--max-memory", arguments.max_memory,

@@ -24,10 +24,14 @@ struct EmulatedWorkers {
     friend bool operator==(const EmulatedWorkers&, const EmulatedWorkers&) = default;
 };
 
+/// By a broker; the later ones are the better ones.
+enum class Reception : std::uint8_t { nobody, refused, welcomed };
+
 /// What a worker has to do.
 struct Load {
-    bool busy = false;         ///< tiles are drawn, or wait for it
-    std::uint64_t answers = 0; ///< tiles that are done with, since it began
+    bool busy = false;                       ///< tiles are drawn, or wait for it
+    std::uint64_t answers = 0;               ///< tiles that are done with, since it began
+    Reception reception = Reception::nobody; ///< the best that any of its workers has had
     friend bool operator==(const Load&, const Load&) = default;
 };
 

@@ -19,7 +19,7 @@
 namespace fraja::worker {
 namespace {
 
-enum Exit : int { done = 0, refused = 4, start_again = 75, interrupted = 128 };
+enum Exit : int { done = 0, no_broker = 3, refused = 4, start_again = 75, interrupted = 128 };
 
 int exit_code(FinishReason reason, int last_signal) {
     switch (reason) {
@@ -32,6 +32,24 @@ int exit_code(FinishReason reason, int last_signal) {
         return Exit::refused;
     }
     return Exit::done;
+}
+
+/// Of a worker that has waited for work for long enough. One that is called may have had no caller.
+int exit_code(Reception reception, bool is_called) {
+    if (is_called || reception == Reception::welcomed)
+        return Exit::done;
+    return reception == Reception::refused ? Exit::refused : Exit::no_broker;
+}
+
+std::string why_it_leaves(Reception reception, bool is_called) {
+    switch (exit_code(reception, is_called)) {
+    case Exit::refused:
+        return "has waited long enough (--idle-exit), and every broker has refused it";
+    case Exit::no_broker:
+        return "has waited long enough (--idle-exit), and no broker has answered";
+    default:
+        return "has served enough (--once, --idle-exit)";
+    }
 }
 
 std::string opening_line(const ServiceOptions& service) {
@@ -83,7 +101,9 @@ Result<int> Service::run() {
         if (signal_count_ > 0 || *outcome != FinishReason::drained)
             return exit_code(*outcome, last_signal_);
         if (verdict_ != Duty::Verdict::go_on)
-            return verdict_ == Duty::Verdict::enough ? Exit::done : Exit::start_again;
+            return verdict_ == Duty::Verdict::enough
+                       ? exit_code(reception_, !options_.worker.listen.empty())
+                       : Exit::start_again;
     }
 }
 
@@ -122,8 +142,9 @@ void Service::look_at(const Load& load) {
     verdict_ = duty_.judge(net::now(), load, resident);
     if (verdict_ == Duty::Verdict::go_on)
         return;
+    reception_ = load.reception;
     leave(verdict_ == Duty::Verdict::enough
-              ? "has served enough (--once, --idle-exit)"
+              ? why_it_leaves(reception_, !options_.worker.listen.empty())
               : fmt::format("has grown to {} MiB: leaves to be started again", resident >> 20));
 }
 

@@ -66,6 +66,7 @@ private:
     bool is_ready_ = false;
     std::atomic<bool> leaving_ = false;
     Duty::Verdict verdict_ = Duty::Verdict::go_on;
+    Reception reception_ = Reception::nobody; // when it was left
     std::atomic<int> signal_count_ = 0;
     int last_signal_ = 0;
 };

@@ -100,6 +100,7 @@ void Session::on(Turn& turn, const Undecodable& event) {
     }
     if (event.error.code == ErrorCode::refused) {
         absence_said_ = true; // it is there
+        reception_ = std::max(reception_, Reception::refused);
         turn.log(LogLevel::warning, "turned_away",
                  "the broker does not let this worker in, will ask again: " + event.error.message);
         return;
@@ -134,6 +135,7 @@ void Session::on_message(Turn& turn, const protocol::Welcome& message) {
                  (spoken_ < protocol::version ? ", by protocol version " + std::to_string(spoken_)
                                               : ""));
     state_ = State::open;
+    reception_ = Reception::welcomed;
     heartbeat_ = std::clamp(message.heartbeat, limits_.heartbeat_min, limits_.heartbeat_max);
     liveness_ = std::clamp(message.liveness, 1u, limits_.liveness_max);
     heard_ = turn.now;
@@ -151,7 +153,10 @@ void Session::on_message(Turn& turn, const protocol::Refused& message) {
     } else if (!is_connected()) {
         // unknown_peer answers what was sent before the hello; anything else answers the hello,
         // which is tried again in its time.
-        if (message.code != RefusalCode::unknown_peer && !std::exchange(absence_said_, true))
+        if (message.code == RefusalCode::unknown_peer)
+            return;
+        reception_ = std::max(reception_, Reception::refused);
+        if (!std::exchange(absence_said_, true))
             turn.log(LogLevel::warning, "refused",
                      "refused by the broker, will ask again: " + message.reason);
     } else if (message.code == RefusalCode::not_allowed) {

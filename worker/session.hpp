@@ -213,6 +213,8 @@ public:
         return state_ == State::open || state_ == State::draining;
     }
     [[nodiscard]] bool is_over() const { return state_ == State::over; }
+    /// The best that it has had so far.
+    [[nodiscard]] Reception reception() const { return reception_; }
     [[nodiscard]] bool is_leaving() const {
         return state_ == State::draining || state_ == State::stranded;
     }
@@ -329,6 +331,7 @@ private:
     Duration hello_pause_;
     Instant last_hello_{}, next_hello_{};
     std::uint32_t unanswered_hellos_ = 0;
+    Reception reception_ = Reception::nobody;
     bool absence_said_ = false; // one line for each change between connected and not
 
     Duration heartbeat_{};

@@ -139,7 +139,10 @@ private:
             return Instant::never();
         if (const Instant now = net::now(); now >= next_turn_told_) {
             next_turn_told_ = now + turn_interval;
-            options_.on_turn({!pool_->is_idle(), answers_});
+            for (const auto& worker : workers_)
+                if (worker)
+                    reception_ = std::max(reception_, worker->wires.crew().reception());
+            options_.on_turn({!pool_->is_idle(), answers_, reception_});
         }
         return next_turn_told_;
     }
@@ -359,6 +362,7 @@ private:
     std::uint64_t answers_ = 0;
     bool draining_ = false, stopping_ = false;
     FinishReason reason_{};
+    Reception reception_ = Reception::nobody; // the best of all, also of those that are over
 };
 
 } // namespace

@@ -272,6 +272,12 @@ TEST_CASE("a worker leaves by itself when it was idle, or its first work is over
     Farm farm;
     Process idle = start_worker(farm, {"--idle-exit", "1s"});
     CHECK(idle.wait_for_exit(patience) == 0);
+    CHECK(idle.err().find("has served enough") != std::string::npos);
+    farm.broker().send(SIGSTOP);
+    Process unheard = start_worker(farm, {"--idle-exit", "1s"});
+    CHECK(unheard.wait_for_exit(patience) == 3);
+    CHECK(unheard.err().find("no broker has answered") != std::string::npos);
+    farm.broker().send(SIGCONT);
     Process once = start_worker(farm, {"--once"});
     REQUIRE(farm.submit({scene("cone"), "-r", "64x48", "-o", scratch.file("a.png")}).exit == 0);
     CHECK(once.wait_for_exit(patience) == 0);

@@ -62,6 +62,7 @@ TEST_CASE("a farm with keys draws the same picture, and everybody may do what th
           Row{"worker", "fraja-ctl", {"jobs"}, "lacks the role submit or watch or admin"},
           Row{"worker", "fraja-ctl", {"cancel", "--yes", "cone"}, "lacks the role"},
           Row{"stranger", "fraja-ctl", {"jobs"}, "refuses our key"},
+          Row{"stranger", "fraja-worker", {"--idle-exit", "1s"}, "every broker has refused it"},
           Row{"stranger", "fraja-submit", with(picture, {"-o", scratch.file("y.png")}),
               "refuses our key"}}) {
         CAPTURE(row.name);
@@ -108,6 +109,9 @@ TEST_CASE(
     std::ofstream(ring.allow_file()) << "nonsense\n";
     reread("stay as they were: ");
     CHECK(contains(farm.broker().err(), ring.allow_file() + ":1: there is no role 'nonsense'"));
+    CHECK(jobs("ada") == 0);
+    ring.allow({{"ada", "submit"}, {"farm", "admin"}});
+    reread("'farm' has the key of the farm's brokers");
     CHECK(jobs("ada") == 0);
 
     ring.allow({{"ada", "submit"}});

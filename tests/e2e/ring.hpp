@@ -31,7 +31,7 @@ public:
                const std::string& file_name = "allow") const {
         std::ofstream out(scratch_.file(file_name));
         for (const auto& [name, role] : roles)
-            out << role << ' ' << keys_.at(name) << ' ' << name << '\n';
+            out << role << ' ' << key(name) << ' ' << name << '\n';
     }
     [[nodiscard]] Words farm_options() const {
         return {"--key-file", file("farm"), "--allow", allow_file()};
