@@ -49,6 +49,8 @@ void Dispatcher::step(Instant now, const Event& event, std::vector<Action>& acti
     if (deals_out()) {
         end_jobs_whose_time_is_up();
         dispatch();
+    } else {
+        changed_workers_.clear(); // all of them are looked at when it is to give out tiles
     }
     tell_changes();
     if (now_ >= next_digest_) {

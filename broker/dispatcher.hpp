@@ -173,7 +173,8 @@ private:
         Instant hello_at{};             ///< the last one
         Instant told_at{};              ///< when another broker last told of it
         Instant dialled_at{};
-        bool is_missed = false; ///< nobody has answered for long, and that was said
+        bool was_answered = false; ///< by any broker
+        bool is_missed = false;    ///< nobody ever has for long, and that was said
     };
     struct Colleague {
         std::optional<PeerId> peer;           ///< by which it has come here
@@ -206,6 +207,7 @@ private:
     void from_broker(const BrokerId& broker, const Route& route, const protocol::Message& message);
     void keep_company();
     void note_who_is_here();
+    void note_who_leads();
     void note_who_never_was();
     void forget_brokers_that_are_gone();
     void forget_broker(const BrokerId& id);
@@ -580,6 +582,7 @@ private:
     std::map<PeerId, BrokerId> brokers_by_peer_;
     protocol::Term heeded_term_;
     std::vector<protocol::Member> told_members_; ///< the last that were told
+    BrokerId told_leader_;                       ///< likewise, in the log
     Instant next_company_{};
     std::optional<Instant> gathers_until_; ///< while workers say what they have in hand
     bool follows_ = false;                 ///< as long as a Following is there

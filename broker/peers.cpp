@@ -175,6 +175,7 @@ void Dispatcher::on(const BrokerSaid& event) {
         forget_predecessors(*hello);
         if (!has_room_for(hello->broker))
             return;
+        line.was_answered = true;
         const auto before = std::exchange(line.broker, hello->broker);
         membership_.meet(now_, *hello);
         colleagues_.try_emplace(hello->broker);
@@ -287,6 +288,7 @@ void Dispatcher::keep_company() {
     wait_no_longer_for_silent_workers();
     note_who_is_here();
     note_who_never_was();
+    note_who_leads();
     forget_brokers_that_are_gone();
     if (members() != told_members_)
         tell_of_brokers();
@@ -314,10 +316,25 @@ void Dispatcher::note_who_is_here() {
     }
 }
 
+/// Whoever reads one broker's log knows then where to read on.
+void Dispatcher::note_who_leads() {
+    const BrokerId& leader = term().leader;
+    if (leader == told_leader_ ||
+        (leader != identity_.broker && !membership_.is_here(leader, now_)))
+        return;
+    told_leader_ = leader;
+    if (leader != identity_.broker)
+        log({.level = LogLevel::info,
+             .kind = "led_by",
+             .subject = to_string(leader),
+             .text = "broker " + endpoint_of(leader) + " leads (term " +
+                     std::to_string(term().counter) + ")"});
+}
+
 /// A name may be wrong.
 void Dispatcher::note_who_never_was() {
     for (auto& [endpoint, line] : lines_)
-        if (line.is_configured && !line.broker && !line.is_missed &&
+        if (line.is_configured && !line.was_answered && !line.is_missed &&
             now_ - line.dialled_at >= limits_.heartbeat * missed_beats) {
             line.is_missed = true;
             log({.level = LogLevel::warning,

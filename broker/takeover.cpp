@@ -107,8 +107,7 @@ void Dispatcher::stop_leading() {
     log({.level = LogLevel::info,
          .kind = "leads_no_more",
          .subject = {},
-         .text = "this broker leads no more: another one does (term " +
-                 std::to_string(term().counter) + ")"});
+         .text = "this broker leads no more (term " + std::to_string(term().counter) + ")"});
     for (auto& [peer, worker] : workers_) {
         worker.grants.clear();
         update_load(peer, worker);

@@ -2,6 +2,7 @@
 // becomes of both when one of them dies, comes back, or is cut off.
 #include "tests/broker/fleet.hpp"
 
+#include "tests/support/allocated.hpp"
 #include "tests/support/seeds.hpp"
 
 #include <chrono>
@@ -163,6 +164,11 @@ TEST_CASE("of a peer that never was, and of one that is the broker itself, the l
                                                             .endpoint = {},
                                                             .program_version = {}}});
     CHECK(count("peer_is_self") == 1);
+    Fleet was(2);
+    was.pass(4s);
+    was.kill(0);
+    was.pass(was.limits.absence_max + 60s);
+    CHECK_FALSE(has_logged(was, 1, "peer_missed")); // it was there
 }
 
 TEST_CASE("a lone broker wants no copies") {
@@ -195,6 +201,13 @@ TEST_CASE("the next broker takes over, and what workers have in hand is not draw
         }
         CHECK(fleet.state(count - 1, job)->phase == JobPhase::done);
         CHECK(fleet.rendered == 40);
+        std::vector<std::string> led_by;
+        for (const Log& line : fleet.nodes[count - 1].logs)
+            if (line.kind == "led_by")
+                led_by.push_back(line.text.substr(0, line.text.find(" (term")));
+        REQUIRE(led_by.size() == count - 1);
+        for (std::size_t i = 0; i < led_by.size(); ++i)
+            CHECK(led_by[i] == "broker tcp://b" + std::to_string(i) + ":50057 leads");
     }
 }
 
@@ -703,6 +716,35 @@ TEST_CASE("whoever is told of one broker is told of all") {
     fleet.pass(2s);
     CHECK(fleet.heard<Brokers>(0, "w").back().brokers.size() == 4);
     CHECK(fleet.leaders() == std::vector<std::size_t>{0});
+}
+
+TEST_CASE("of what is drawn and forgotten nothing is left where brokers stand by, or lead") {
+    Limits limits;
+    limits.keep = 1s;
+    Fleet fleet(3, limits);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 4);
+    std::uint8_t job_ids = 0;
+    const auto after_rounds = [&](int count) {
+        for (int i = 0; i < count; ++i) {
+            const JobId job = fleet.submit(0, "c", Farm::picture(++job_ids, 250));
+            do // all know what it has, and then that it has it no more
+                for (std::size_t broker = 0; broker < 3; ++broker)
+                    fleet.beat(broker, "w");
+            while (fleet.render_one("w"));
+            REQUIRE(fleet.state(2, job)->phase == JobPhase::done);
+            fleet.pass(3s);
+            REQUIRE_FALSE(fleet.state(2, job).has_value());
+            fleet.sent.clear();
+            for (Fleet::Node& node : fleet.nodes) {
+                node.stream = {};
+                node.logs = {};
+            }
+        }
+        return static_cast<double>(allocated_bytes()) / 1024;
+    };
+    const double before_kib = after_rounds(5);
+    CHECK(after_rounds(40) < before_kib + 64); // 10,000 tiles at each of three
 }
 
 TEST_CASE("brokers die and come back in any order: every job ends, and nothing is drawn wrongly") {
