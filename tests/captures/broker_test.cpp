@@ -166,4 +166,26 @@ TEST_CASE("a farm of the version before works at a broker of this one") {
     CHECK(farm.log.find("worker ada is gone (it said goodbye)") != std::string::npos);
 }
 
+TEST_CASE(
+    "what is cancelled is drawn no more by a worker of the version before, and it may be sent "
+    "away") {
+    OldFarm farm;
+    farm.join("slow_submit");
+    farm.subscribe_as("slow_submit");
+    farm.play({"slow_submit"});
+    farm.join("stopped_worker");
+    farm.play({"slow_submit", "stopped_worker"});
+    CHECK_FALSE(farm.heard["stopped_worker"].empty());
+    for (const std::string name : {"cancel", "cancel_2", "kick"}) {
+        farm.join(name);
+        farm.play({name, "stopped_worker"});
+        farm.check_that_all_went_as_then(name);
+    }
+    INFO(farm.log);
+    farm.play({"slow_submit"});
+    farm.check_that_all_went_as_then("slow_submit");
+    farm.check_that_all_went_as_then("stopped_worker");
+    CHECK(farm.log.find("worker bob is gone") != std::string::npos);
+}
+
 } // namespace fraja::broker

@@ -39,7 +39,7 @@ TEST_CASE("what programs of the version before have said is understood") {
          {"WorkerHello", "ClientHello", "Welcome",    "Refused",       "Beat",       "WorkerBeat",
           "Goodbye",     "NeedChunk",   "Chunk",      "SubmitJob",     "JobState",   "FindJob",
           "ControlJob",  "Repair",      "RepairDone", "ControlWorker", "RenderTile", "TileRendered",
-          "TileDone",    "Barrier",     "FarmState"}) {
+          "TileDone",    "Barrier",     "FarmState",  "TileFailed",    "CancelTile", "Dismissed"}) {
         CAPTURE(name);
         CHECK(names.contains(name));
     }
