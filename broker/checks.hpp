@@ -76,6 +76,9 @@ public:
     void assign(CheckId id, Assignment assignment);
     /// It is pending again. `failed_on`: but not for that worker.
     void take_back(CheckId id, const std::optional<WorkerId>& failed_on);
+    /// Where workers disagree, those who have failed to draw it may be asked again: it may be that
+    /// they were lost at it, or that it was no fault of theirs.
+    void forgive_failures();
     /// An answer to one that is assigned. Who must be wrong, if that can be told: each of these is
     /// to be forgotten then.
     [[nodiscard]] std::vector<WorkerId> answer(CheckId id, Answer answer);

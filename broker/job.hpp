@@ -243,6 +243,7 @@ public:
     void take_back_check(CheckId id, const std::optional<WorkerId>& failed_on);
     /// As Checks::answer, of one that is assigned.
     [[nodiscard]] std::vector<WorkerId> answer_check(CheckId id, Checks::Answer answer);
+    void forgive_failed_checks() { checks_.forgive_failures(); }
     std::uint32_t give_up_checks(const Checks::HasOthers& has_others) {
         return checks_.give_up(has_others);
     }
@@ -303,6 +304,7 @@ public:
     Instant retry_until{};               ///< then
     bool leader_agrees = false;          ///< that what is awaited has become of it
     std::uint64_t done_in = 0;           ///< the last epoch whose leader has had it done like this
+    Instant contest_asked_at{};          ///< when those who failed to tell who is right last were
     bool has_more_unchecked = false;     ///< done here than as it was told of last
     std::set<BrokerId> copies;           ///< who is here and has it, by its own word
     std::set<BrokerId> waiting_for_copy; ///< who is to be told when it is kept here

@@ -56,6 +56,9 @@ struct Limits {
     // A worker that failed so many tiles within the window gets none for as long.
     std::uint32_t quarantine_failures = 3;
     Duration quarantine_window = std::chrono::minutes(10);
+    /// A tile of which workers have drawn different pixels, where nobody else is left who could
+    /// tell who is right: after so long those who have failed to draw it are asked again.
+    Duration contest_interval = std::chrono::seconds(10);
     /// So long it is known of a process whose connection broke that it was drained, what it failed,
     /// and which tiles it had: it may come back.
     Duration absence_max = std::chrono::minutes(10);

@@ -154,6 +154,13 @@ void Dispatcher::end_jobs_that_are_through() {
     for (const JobId& id : waiting)
         if (Job* job = job_of(id))
             end_if_done(*job);
+    for (const JobId& id : waiting)
+        if (Job* job = job_of(id); job && deals_out() && contest(*job) &&
+                                   now_ - job->contest_asked_at >= limits_.contest_interval) {
+            job->contest_asked_at = now_;
+            job->forgive_failed_checks();
+            look_ready(*job);
+        }
 }
 
 /// Why a job of which all is drawn does not end.

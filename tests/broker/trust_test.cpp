@@ -309,6 +309,45 @@ TEST_CASE("two workers that disagree draw it again, and then a third is waited f
         CHECK_FALSE(is_lie(tile));
 }
 
+TEST_CASE("limits: contest_interval") {
+    // The only one who could tell who is right has failed to draw the tile, and may not fail again.
+    Farm farm;
+    farm.worker_arrives("a", 1, 1, 1);
+    const JobId job = farm.submit("client", checked(1, 1));
+    farm.worker_arrives("b", 2, 1, 1);
+    farm.render("a", farm.tiles("a").at(0));
+    farm.say("b", lie(farm.tiles("b").at(0)));
+    farm.worker_arrives("c", 3, 1, 1);
+    // How long it takes until that one is asked; at most, if it is not.
+    std::vector<RenderTile> given;
+    const auto asked_after = [&](Duration most) {
+        const Instant begin = farm.now;
+        for (given = farm.tiles("c"); given.empty() && farm.now < begin + most;
+             given = farm.tiles("c")) {
+            for (const char* peer : {"a", "b", "c"})
+                farm.beat(peer, 1, {});
+            farm.pass(farm.limits.heartbeat / 2);
+        }
+        return farm.now - begin;
+    };
+    for (const Duration expected : {0s, 0s, 9s}) { // the first time that all are through, at once
+        CHECK(asked_after(30s) >= expected);
+        REQUIRE_FALSE(given.empty());
+        farm.fail("c", given[0], FailureCode::machine);
+        work(farm, {"a", "b"}, {"b"}); // each says once more what it has said
+    }
+    CHECK(asked_after(5s) >= 5s);
+    CHECK(farm.state(job).reason.find("one more worker") != std::string::npos);
+    CHECK(asked_after(30s) < 6s);
+    REQUIRE_FALSE(given.empty());
+    farm.render("c", given[0]);
+    work(farm, {"a", "c"});
+    const JobState state = farm.state(job);
+    CHECK(state.phase == JobPhase::done);
+    REQUIRE(state.distrusted.size() == 1);
+    CHECK(state.distrusted[0].worker_name == "b");
+}
+
 TEST_CASE("of two workers the one is found out that does not say the same twice") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 1);
