@@ -82,6 +82,10 @@ struct Limits {
     // Several brokers.
     std::uint32_t peer_beats = 4;     ///< to each other, in a heartbeat
     double peer_patience_beats = 1.3; ///< heartbeats: who was not heard for so long is gone
+    /// Heartbeats: so long it counts that somebody else has heard the leader. Workers hear it once
+    /// in one, and say so once in one.
+    double told_patience_beats = 3.25;
+    std::uint32_t workers_patience_beats = 5; ///< who has had no workers for so long has none
     /// So long a broker that begins to lead waits for workers to say what they have in hand.
     double gathering_beats = 0.5;
     Duration compare_interval = std::chrono::seconds(1); ///< of two that differ

@@ -3,6 +3,7 @@
 #include "broker/id_hash.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace fraja::broker {
 namespace {
@@ -54,13 +55,36 @@ void Membership::hear(Instant now, const protocol::BrokerBeat& beat) {
     if (found == peers_.end())
         return;
     note_heard(now, found->second);
-    found->second.is_synced = beat.is_synced;
-    found->second.digest = beat.digest;
+    Peer& peer = found->second;
+    peer.is_synced = beat.is_synced;
+    peer.digest = beat.digest;
+    peer.leads = beat.leads;
+    if (std::exchange(peer.has_workers, beat.has_workers) != beat.has_workers)
+        peer.workers_changed_at = now;
+    hear_of_leader(now, beat.term, beat.leader_silence);
 }
 
 void Membership::learn(const protocol::Term& term) {
-    if (term.counter <= counter_max)
-        term_ = std::max(term_, term);
+    if (term.counter > counter_max || term <= term_)
+        return;
+    if (term.leader != term_.leader)
+        leader_heard_at_.reset();
+    term_ = term;
+}
+
+void Membership::hear_of_leader(Instant now, const protocol::Term& term, Duration silence) {
+    if (term.leader != term_.leader || silence < Duration{} || silence > terms_.told_patience)
+        return;
+    leader_heard_at_ = std::max(leader_heard_at_.value_or(Instant{}), now - silence);
+}
+
+void Membership::note_workers(Instant now, bool any) {
+    if (std::exchange(any_workers_, any) != any)
+        any_workers_at_ = now;
+    if (any_workers_ != has_workers_ && now - any_workers_at_ >= terms_.workers_patience) {
+        has_workers_ = any_workers_;
+        workers_changed_at_ = now;
+    }
 }
 
 void Membership::set_synced(Instant now) {
@@ -81,12 +105,54 @@ std::vector<BrokerId> Membership::here(Instant now) const {
     return all;
 }
 
+/// No worker reaches it, and some reach this broker: if it led nothing would be drawn.
+bool Membership::lacks_workers(Instant now, const Peer& peer) const {
+    return has_workers_ && !peer.has_workers &&
+           now - std::max(workers_changed_at_, peer.workers_changed_at) >= terms_.workers_settling;
+}
+
+/// Likewise the other way round.
+bool Membership::is_before(Instant now, const Peer& peer) const {
+    if (!peer.is_synced || !is_here(peer, now))
+        return false;
+    if (peer.has_workers != has_workers_ &&
+        now - std::max(workers_changed_at_, peer.workers_changed_at) >= terms_.workers_settling)
+        return peer.has_workers;
+    return peer.rank < own_;
+}
+
+const Membership::Peer* Membership::passed_over(Instant now) const {
+    const Peer* first = nullptr;
+    for (const auto& [id, peer] : peers_)
+        if (peer.is_synced && is_here(peer, now) && peer.rank < own_ && lacks_workers(now, peer) &&
+            (!first || peer.rank < first->rank))
+            first = &peer;
+    return first;
+}
+
+/// Others hear the leader that this broker does not: since it is cut off from that one alone, what
+/// others have heard is newer than what it has heard itself.
+bool Membership::leads_out_of_hearing(Instant now) const {
+    if (term_.leader == own_.broker || !leader_heard_at_ ||
+        now - *leader_heard_at_ > terms_.told_patience)
+        return false;
+    const auto leader = peers_.find(term_.leader);
+    return leader == peers_.end() ||
+           (!is_here(leader->second, now) &&
+            *leader_heard_at_ > leader->second.heard_at + terms_.told_margin);
+}
+
+Duration Membership::leader_silence(Instant now) const {
+    const auto leader = peers_.find(term_.leader);
+    if (leader == peers_.end() || !leader->second.leads || lacks_workers(now, leader->second))
+        return Duration::max();
+    return now - leader->second.heard_at;
+}
+
 bool Membership::should_lead(Instant now) const {
-    return is_synced_ && has_looked_around(now) &&
-           std::ranges::none_of(peers_, [&](const auto& entry) {
-               const Peer& peer = entry.second;
-               return peer.is_synced && peer.rank < own_ && is_here(peer, now);
-           });
+    return is_synced_ && has_looked_around(now) && !leads_out_of_hearing(now) &&
+           std::ranges::none_of(peers_,
+                                [&](const auto& entry) { return is_before(now, entry.second); });
 }
 
 Membership::Change Membership::update(Instant now) {
@@ -101,6 +167,7 @@ Membership::Change Membership::update(Instant now) {
     }
     if (!leads_ && now >= leads_from_ && should_lead(now)) {
         term_ = next_term();
+        leader_heard_at_.reset();
         leads_ = true;
         return Change::begins_to_lead;
     }
@@ -123,10 +190,17 @@ Instant Membership::next_deadline(Instant now) const {
         if (at > now)
             next = std::min(next, at);
     };
+    if (any_workers_ != has_workers_)
+        consider(any_workers_at_ + terms_.workers_patience);
+    consider(workers_changed_at_ + terms_.workers_settling);
+    for (const auto& [id, peer] : peers_)
+        consider(peer.workers_changed_at + terms_.workers_settling);
     if (leads_)
         return next;
     consider(looks_until_);
     consider(leads_from_);
+    if (leader_heard_at_)
+        consider(*leader_heard_at_ + terms_.told_patience + Duration(1));
     for (const auto& [id, peer] : peers_)
         consider(peer.heard_at + patience(peer) + Duration(1));
     return next;
@@ -135,6 +209,9 @@ Instant Membership::next_deadline(Instant now) const {
 void Membership::forgive(Duration absence) {
     for (auto& [id, peer] : peers_)
         peer.heard_at = peer.heard_at + absence;
+    if (leader_heard_at_)
+        leader_heard_at_ = *leader_heard_at_ + absence;
+    any_workers_at_ = any_workers_at_ + absence;
 }
 
 } // namespace fraja::broker

@@ -12,6 +12,7 @@
 #include <compare>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,9 +27,15 @@ public:
         friend auto operator<=>(const Rank&, const Rank&) = default;
     };
     struct Terms {
-        Duration patience{};           ///< who was not heard for so long is gone
-        Duration patience_max{};       ///< at the start, when nobody has been heard yet
-        Duration settling{};           ///< for others to say what they have, once it has all
+        Duration patience{};     ///< who was not heard for so long is gone
+        Duration patience_max{}; ///< at the start, when nobody has been heard yet
+        Duration settling{};     ///< for others to say what they have, once it has all
+        /// That somebody hears the leader counts as long as that, and where it was heard later
+        /// there than here by as much as that.
+        Duration told_patience{}, told_margin{};
+        /// Who has had no workers for so long has none; likewise who has had some has them.
+        Duration workers_patience{};
+        Duration workers_settling{};   ///< so long that must make a difference
         std::uint64_t counter_min = 0; ///< of a term that begins here: those before were lower
     };
     struct Peer {
@@ -36,6 +43,9 @@ public:
         std::string endpoint, program_version;
         bool is_synced = false; ///< as it says
         Instant heard_at{};
+        bool leads = false;           ///< likewise
+        bool has_workers = false;     ///< likewise
+        Instant workers_changed_at{}; ///< that
         std::uint64_t digest = 0;
         std::uint32_t misjudged = 0; ///< so often it was held to be gone, and was not
         Instant back_at{};           ///< the last time
@@ -51,6 +61,10 @@ public:
     void hear(Instant now, const protocol::BrokerBeat& beat);
     /// A term that somebody has heard of.
     void learn(const protocol::Term& term);
+    /// Somebody else has heard of that term, and its leader say that it leads so long ago.
+    void hear_of_leader(Instant now, const protocol::Term& term, Duration silence);
+    /// Whether workers are here.
+    void note_workers(Instant now, bool any);
     /// From now on it has all that the others have; it begins with nothing, unless alone. They may
     /// have come to that at the same time.
     void set_synced(Instant now);
@@ -74,6 +88,11 @@ public:
     /// It has waited for others long enough to know who is here.
     [[nodiscard]] bool has_looked_around(Instant now) const { return now >= looks_until_; }
     void forget(const BrokerId& broker) { peers_.erase(broker); }
+    /// As in a beat.
+    [[nodiscard]] bool has_workers() const { return has_workers_; }
+    [[nodiscard]] Duration leader_silence(Instant now) const;
+    /// Of those that are here the first that would lead before this one, if it had workers.
+    [[nodiscard]] const Peer* passed_over(Instant now) const;
 
 private:
     /// Whoever was misjudged is borne with for longer, or two would take turns on a slow network.
@@ -84,6 +103,9 @@ private:
         return now - peer.heard_at <= patience(peer);
     }
     void note_heard(Instant now, Peer& peer);
+    [[nodiscard]] bool is_before(Instant now, const Peer& peer) const;
+    [[nodiscard]] bool lacks_workers(Instant now, const Peer& peer) const;
+    [[nodiscard]] bool leads_out_of_hearing(Instant now) const;
     [[nodiscard]] bool should_lead(Instant now) const;
     [[nodiscard]] protocol::Term next_term() const;
 
@@ -95,6 +117,11 @@ private:
     protocol::Term term_;  ///< the greatest
     Instant leads_from_{}; ///< not before, after somebody else has begun a term
     std::map<BrokerId, Peer> peers_;
+    std::optional<Instant> leader_heard_at_; ///< the term's, by anybody else
+    bool has_workers_ = false;               ///< as its beats say
+    Instant workers_changed_at_{};           ///< that
+    bool any_workers_ = false;               ///< right now
+    Instant any_workers_at_{};               ///< since
 };
 
 } // namespace fraja::broker

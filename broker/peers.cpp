@@ -62,7 +62,10 @@ BrokerBeat Dispatcher::own_beat() const {
             .term = term(),
             .is_synced = membership_.is_synced(),
             .brokers = members(),
-            .digest = digest()};
+            .digest = digest(),
+            .leads = membership_.leads(),
+            .has_workers = membership_.has_workers(),
+            .leader_silence = membership_.leader_silence(now_)};
 }
 
 void Dispatcher::say_hello(const std::string& endpoint, Line& line) {
@@ -245,6 +248,7 @@ void Dispatcher::keep_company() {
         if (!(line.broker && membership_.is_here(*line.broker, now_)) &&
             now_ - line.hello_at >= 2 * beat)
             say_hello(endpoint, line);
+    membership_.note_workers(now_, !workers_.empty());
     const BrokerBeat beat_now = own_beat();
     const std::uint64_t own_digest = beat_now.digest;
     for (const auto& [id, colleague] : colleagues_)

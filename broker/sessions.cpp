@@ -238,6 +238,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
 
     if (!is_alone()) {
         membership_.learn(beat.term);
+        membership_.hear_of_leader(now_, beat.term, beat.leader_silence);
         note_in_hand(peer, worker, beat);
     }
     std::set<GrantKey> listed;
@@ -261,7 +262,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
     for (const GrantKey& key : lost)
         (void)take_back(key, *end_grant(peer, worker, key), false, worker,
                         "the worker has it no more");
-    send(peer, Beat{});
+    send(peer, Beat{.leads = membership_.leads()});
 }
 
 void Dispatcher::end_worker(Workers::iterator worker, Departure departure, const std::string& why) {

@@ -51,11 +51,15 @@ void Dispatcher::begin_to_lead() {
     attempts_ +=
         attempts_per_term *
         static_cast<std::uint32_t>(1 + Rng(term().counter ^ hash_of(identity_.broker)).below(2048));
-    log({.level = LogLevel::info,
+    const Membership::Peer* before = membership_.passed_over(now_);
+    log({.level = before ? LogLevel::warning : LogLevel::info,
          .kind = "leads",
          .subject = {},
          .text = "this broker leads: it hands out the tiles (term " +
-                 std::to_string(term().counter) + ")"});
+                 std::to_string(term().counter) + ")" +
+                 (before ? "; no worker reaches " + endpoint_of(before->rank.broker) +
+                               ", which would lead before it"
+                         : "")});
     for (auto& [peer, worker] : workers_)
         await_telling(peer, worker);
     tell_of_brokers();

@@ -201,9 +201,13 @@ void Session::hear_term(const protocol::Term& term) {
     term_ = std::max(term_, term);
 }
 
-void Session::on_message(Turn&, const protocol::Beat&) {
+void Session::on_message(Turn& turn, const protocol::Beat& message) {
     if (unanswered_beats_ > 0)
         --unanswered_beats_;
+    if (message.leads)
+        led_at_ = turn.now;
+    else
+        led_at_.reset();
 }
 
 template <class M>
@@ -323,6 +327,19 @@ protocol::Term Session::greatest_term() const {
     return greatest;
 }
 
+Duration Session::leader_silence(Instant now) const {
+    const BrokerId leader = greatest_term().leader;
+    Duration least = Duration::max();
+    const auto consider = [&](const Session& session) {
+        if (session.is_connected() && session.broker_ == leader && session.led_at_)
+            least = std::min(least, now - *session.led_at_);
+    };
+    consider(*this);
+    for (const Session* ally : allies_)
+        consider(*ally);
+    return least;
+}
+
 // ------------------------------------------------------------------------------------------- time
 
 void Session::keep_time(Turn& turn) {
@@ -374,7 +391,8 @@ void Session::beat(Turn& turn) {
     protocol::WorkerBeat message{.credit = state_ == State::draining ? 0 : credit(),
                                  .in_flight = {},
                                  .tiles_received = tiles_received_,
-                                 .term = greatest_term()};
+                                 .term = greatest_term(),
+                                 .leader_silence = leader_silence(turn.now)};
     list_tiles(message.in_flight);
     for (const Session* ally : allies_)
         ally->list_tiles(message.in_flight);

@@ -312,6 +312,7 @@ private:
     /// Of its allies and itself.
     [[nodiscard]] std::size_t tiles_in_hand() const;
     [[nodiscard]] protocol::Term greatest_term() const;
+    [[nodiscard]] Duration leader_silence(Instant now) const; ///< as WorkerBeat has it
     void hear_term(const protocol::Term& term);
     [[nodiscard]] Instant silence_deadline() const { return heard_ + heartbeat_ * liveness_; }
     [[nodiscard]] Instant chunk_deadline(const SceneOnShelf& scene) const {
@@ -337,6 +338,7 @@ private:
     Duration heartbeat_{};
     std::uint32_t liveness_ = 1;
     Instant heard_{}, next_beat_{};
+    std::optional<Instant> led_at_; // it has said last that it leads, unless it has said otherwise
     std::uint64_t unanswered_beats_ = 0;
 
     FinishReason leave_reason_ = FinishReason::drained; // while draining

@@ -318,8 +318,12 @@ struct Refused {
 struct Beat {
     static constexpr std::uint16_t type = 5;
     static constexpr std::string_view name = "Beat";
+    bool leads = false; ///< of a broker: it hands out the tiles
     friend bool operator==(const Beat&, const Beat&) = default;
-    static constexpr auto fields() { return std::tuple{}; }
+    template <class T = Beat>
+    static constexpr auto fields() {
+        return std::tuple{Field{"leads", &T::leads, 12}};
+    }
 };
 
 struct WorkerBeat {
@@ -329,11 +333,14 @@ struct WorkerBeat {
     std::vector<TileInFlight> in_flight;
     std::uint64_t tiles_received = 0;
     Term term{}; ///< the greatest it has heard of
+    /// Since that term's leader has last said to it that it leads.
+    Duration leader_silence = Duration::max();
     friend bool operator==(const WorkerBeat&, const WorkerBeat&) = default;
     template <class T = WorkerBeat>
     static constexpr auto fields() {
         return std::tuple{Field{"credit", &T::credit}, Field{"in_flight", &T::in_flight},
-                          Field{"tiles_received", &T::tiles_received}, Field{"term", &T::term, 12}};
+                          Field{"tiles_received", &T::tiles_received}, Field{"term", &T::term, 12},
+                          Field{"leader_silence", &T::leader_silence, 12}};
     }
 };
 
@@ -813,12 +820,17 @@ struct BrokerBeat {
     bool is_synced = false;
     std::vector<Member> brokers;
     std::uint64_t digest = 0;
+    bool leads = false;
+    bool has_workers = false;                  ///< for a while; or it has had some until lately
+    Duration leader_silence = Duration::max(); ///< as in WorkerBeat
     friend bool operator==(const BrokerBeat&, const BrokerBeat&) = default;
     template <class T = BrokerBeat>
     static constexpr auto fields() {
-        return std::tuple{Field{"broker", &T::broker}, Field{"term", &T::term},
-                          Field{"is_synced", &T::is_synced}, Field{"brokers", &T::brokers},
-                          Field{"digest", &T::digest}};
+        return std::tuple{
+            Field{"broker", &T::broker},           Field{"term", &T::term},
+            Field{"is_synced", &T::is_synced},     Field{"brokers", &T::brokers},
+            Field{"digest", &T::digest},           Field{"leads", &T::leads},
+            Field{"has_workers", &T::has_workers}, Field{"leader_silence", &T::leader_silence}};
     }
 };
 

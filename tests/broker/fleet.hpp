@@ -98,7 +98,7 @@ public:
                 next_beats_ = now + limits.heartbeat / 2;
                 for (auto& [name, worker] : workers)
                     for (std::size_t i = 0; i < nodes.size(); ++i)
-                        if (nodes[i].dispatcher)
+                        if (hears(i, name))
                             beat(i, name);
                 for (const PeerId& client : clients_)
                     for (std::size_t i = 0; i < nodes.size(); ++i)
@@ -116,13 +116,29 @@ public:
         std::vector<protocol::RenderTile> has;
         std::map<std::size_t, std::uint64_t> received; ///< by broker
         bool hangs = false;                            ///< no tile of it moves
+        std::set<std::size_t> cut{};                   ///< brokers that hear nothing of it
+        std::map<std::size_t, Instant> led_at{};       ///< brokers that have said that they lead
     };
     /// Known to all brokers that are there by that name.
     void worker_arrives(const std::string& name, std::uint8_t id, std::uint32_t credit) {
-        workers[name] = {id, credit, {}, {}, {}, false};
+        worker_arrives(name, id, credit, {});
+    }
+    void worker_arrives(const std::string& name, std::uint8_t id, std::uint32_t credit,
+                        std::set<std::size_t> cut) {
+        workers[name] = {.id = id,
+                         .credit = credit,
+                         .term = {},
+                         .has = {},
+                         .received = {},
+                         .hangs = false,
+                         .cut = std::move(cut),
+                         .led_at = {}};
         for (std::size_t i = 0; i < nodes.size(); ++i)
-            if (nodes[i].dispatcher)
+            if (hears(i, name))
                 greet(i, name);
+    }
+    [[nodiscard]] bool hears(std::size_t i, const std::string& name) const {
+        return nodes[i].dispatcher && !workers.at(name).cut.contains(i);
     }
     void greet(std::size_t i, const std::string& name) {
         Worker& worker = workers.at(name);
@@ -138,17 +154,7 @@ public:
                                   .tags = {},
                                   .program_version = "test"});
     }
-    void beat(std::size_t i, const std::string& name) {
-        Worker& worker = workers.at(name);
-        protocol::WorkerBeat beat{.credit = worker.credit,
-                                  .in_flight = {},
-                                  .tiles_received = worker.received[i],
-                                  .term = worker.term};
-        for (const protocol::RenderTile& t : worker.has)
-            beat.in_flight.push_back({t.job, t.tile, t.attempt, worker.hangs ? 0 : ++rays_, t.pass,
-                                      t.probe_side > 0 ? PixelRect{} : t.rect});
-        say(i, name, std::move(beat));
-    }
+    void beat(std::size_t i, const std::string& name) { say(i, name, beat_of(i, name)); }
     /// The oldest tile that it has, answered to all brokers that are there. False: it has none.
     bool render_one(const std::string& name) {
         Worker& worker = workers.at(name);
@@ -166,7 +172,7 @@ public:
             answer.blobs = {Blob(std::move(pixels))};
         }
         for (std::size_t i = 0; i < nodes.size(); ++i)
-            if (nodes[i].dispatcher)
+            if (hears(i, name))
                 say(i, name, answer);
         return true;
     }
@@ -283,6 +289,11 @@ private:
             worker.term = tile->term;
             worker.has.push_back(*tile);
             CHECK(worker.has.size() <= 2 * worker.credit);
+        } else if (const auto* beat = std::get_if<protocol::Beat>(&message)) {
+            if (beat->leads)
+                worker.led_at[from] = now;
+            else
+                worker.led_at.erase(from);
         } else if (const auto* brokers = std::get_if<protocol::Brokers>(&message)) {
             worker.term = std::max(worker.term, brokers->term);
             queue_beat(from, name);
@@ -299,15 +310,21 @@ private:
         }
     }
     void queue_beat(std::size_t to, const std::string& name) {
-        const Worker& worker = workers.at(name);
+        queue_.emplace_back(to, PeerSaid{name, beat_of(to, name)});
+    }
+    [[nodiscard]] protocol::WorkerBeat beat_of(std::size_t i, const std::string& name) {
+        Worker& worker = workers.at(name);
         protocol::WorkerBeat beat{.credit = worker.credit,
                                   .in_flight = {},
-                                  .tiles_received = worker.received.at(to),
+                                  .tiles_received = worker.received[i],
                                   .term = worker.term};
+        for (const auto& [broker, at] : worker.led_at)
+            if (nodes[broker].id == worker.term.leader)
+                beat.leader_silence = now - at;
         for (const protocol::RenderTile& t : worker.has)
             beat.in_flight.push_back({t.job, t.tile, t.attempt, worker.hangs ? 0 : ++rays_, t.pass,
                                       t.probe_side > 0 ? PixelRect{} : t.rect});
-        queue_.emplace_back(to, PeerSaid{name, std::move(beat)});
+        return beat;
     }
 
     std::deque<std::pair<std::size_t, Event>> queue_;

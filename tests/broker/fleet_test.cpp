@@ -632,6 +632,88 @@ TEST_CASE("a tile that hangs is stopped, however often its worker greets anew") 
     CHECK(!fleet.heard<CancelTile>(1, "w").empty());
 }
 
+TEST_CASE("two that only others hear both do not take turns") {
+    const auto terms_begun = [](const Fleet& fleet) {
+        std::ptrdiff_t count = 0;
+        for (const Fleet::Node& node : fleet.nodes)
+            count += std::ranges::count(node.logs, "leads", &Log::kind);
+        return count;
+    };
+    for (const std::size_t brokers : {2u, 3u, 4u})
+        for (const bool has_workers : {true, false}) {
+            if (brokers == 2 && !has_workers)
+                continue; // then nobody hears both
+            CAPTURE(brokers);
+            CAPTURE(has_workers);
+            Fleet fleet(brokers);
+            fleet.pass(4s);
+            if (has_workers)
+                fleet.worker_arrives("w", 1, 2);
+            fleet.pass(4s);
+            REQUIRE(fleet.leaders() == std::vector<std::size_t>{0});
+            fleet.cut(0, 1);
+            fleet.pass(60s);
+            REQUIRE(fleet.leaders().size() == 1);
+            CHECK(terms_begun(fleet) <= (brokers == 2 ? 2 : 1)); // beats of workers are late
+            const std::size_t leader = fleet.leaders()[0];
+            fleet.kill(leader);
+            fleet.pass(6s);
+            REQUIRE(fleet.leaders().size() == 1);
+            CHECK(terms_begun(fleet) <= (brokers == 2 ? 3 : 2));
+        }
+}
+
+TEST_CASE("a checked job ends while two brokers hear each other through others alone") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    fleet.worker_arrives("v", 2, 2);
+    fleet.cut(0, 1);
+    fleet.pass(4s);
+    SubmitJob picture = Farm::picture(1, 60);
+    picture.wishes.verify = 1;
+    const JobId job = fleet.submit(2, "c", picture);
+    fleet.pass(3s);
+    for (int i = 0; i < 150; ++i) { // a second for each tile and its check
+        fleet.render_one("w");
+        fleet.render_one("v");
+        fleet.pass(500ms);
+    }
+    CHECK(fleet.state(2, job)->phase == JobPhase::done);
+    CHECK(fleet.state(fleet.leaders().at(0), job)->phase == JobPhase::done);
+    CHECK(fleet.rendered == 120);
+}
+
+TEST_CASE("a broker that no worker reaches does not lead before one that they reach") {
+    Fleet fleet(3);
+    fleet.pass(4s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{0});
+    fleet.worker_arrives("w", 1, 2, {0});
+    const JobId job = fleet.submit(0, "c", Farm::picture(1, 6));
+    fleet.pass(4s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{0}); // it may come
+    fleet.pass(5s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{1});
+    CHECK(std::ranges::any_of(fleet.nodes[1].logs, [](const Log& line) {
+        return line.kind == "leads" &&
+               line.text.find("no worker reaches tcp://b0:50057") != std::string::npos;
+    }));
+    fleet.render_all("w");
+    fleet.pass(3s);
+    CHECK(fleet.state(0, job)->phase == JobPhase::done); // it has the tiles from the others
+    // It is the first again when it has had some for a while.
+    fleet.workers.at("w").cut.clear();
+    fleet.greet(0, "w");
+    fleet.pass(4s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{1});
+    fleet.pass(5s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{0});
+    // Where nobody has any, all is as it was.
+    fleet.workers.clear();
+    fleet.pass(30s);
+    CHECK(fleet.leaders() == std::vector<std::size_t>{0});
+}
+
 TEST_CASE("two that do not hear each other both lead; when they do, one does, and has it all") {
     Fleet fleet(2);
     fleet.pass(4s);

@@ -293,10 +293,10 @@ TEST_CASE("msgpack bombs cost no more than their own size") {
 }
 
 TEST_CASE("arrays nest as deep as nesting_max and no deeper") {
-    const auto nested = [](std::size_t depth) { // a Beat, whose further fields are ignored
+    const auto nested = [](std::size_t depth) { // a Goodbye, whose further fields are ignored
         Bytes body(depth - 1, std::byte{0x91});
         body.push_back(std::byte{0x90});
-        return decode(frames_of(header_of(Beat::type), body)).has_value();
+        return decode(frames_of(header_of(Goodbye::type), body)).has_value();
     };
     CHECK(nested(nesting_max));
     CHECK_FALSE(nested(nesting_max + 1));
