@@ -228,4 +228,12 @@ void cut_off(const std::set<const Process*>& group, const std::vector<Node>& nod
             network->silence(*line, until);
 }
 
+void cut_apart(const Process& one, const Process& other, const std::vector<Node>& nodes,
+               Instant until) {
+    for (const auto& [line, network] : nodes)
+        if ((&line->owner == &one && &network->broker() == &other) ||
+            (&line->owner == &other && &network->broker() == &one))
+            network->silence(*line, until);
+}
+
 } // namespace fraja::sim

@@ -133,5 +133,8 @@ struct Node {
 /// Until then nobody in `group` hears anybody who is not, nor is heard: whatever is said goes
 /// through late, or is lost where the connection breaks meanwhile.
 void cut_off(const std::set<const Process*>& group, const std::vector<Node>& nodes, Instant until);
+/// Likewise two that do not hear each other, while everybody else hears both.
+void cut_apart(const Process& one, const Process& other, const std::vector<Node>& nodes,
+               Instant until);
 
 } // namespace fraja::sim

@@ -25,7 +25,8 @@ struct Faults {
     Duration breaks_every{};
     /// Some nodes, often one alone, are cut off from all others: across the cut everybody hears and
     /// is heard late, by up to `partition_max`; beyond the patience of a connection it has broken
-    /// meanwhile.
+    /// meanwhile. Or two do not hear each other, and all others hear both, now and then until all
+    /// is healed.
     Duration partitions_every{}, partition_max = std::chrono::seconds(20);
     /// Share of messages that come twice, as if a sender did not know of the first: at once, or by
     /// up to `duplicate_lag_max` later, after others of their connection. A hello ends that: what

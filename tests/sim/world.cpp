@@ -159,10 +159,7 @@ private:
     void plan_accidents() {
         const Faults& f = farm_.scenario.faults;
         farm_.every(f.breaks_every, [this] { break_some_line(); });
-        farm_.every(f.partitions_every, [this] {
-            cut_off(random_group(), lines_,
-                    farm_.now() + farm_.between(0s, farm_.scenario.faults.partition_max));
-        });
+        farm_.every(f.partitions_every, [this] { cut(); });
         farm_.every(f.worker_crashes_every, [this] { crash_somebody(); });
         farm_.every(f.broker_crashes_every, [this] { random_broker().crash(); });
         farm_.every(f.hangs_every, [this] {
@@ -185,6 +182,16 @@ private:
         }
         if (f.hung_tiles > 0)
             farm_.agenda.after(f.heals_at + leases_end, [this] { restart_hung_workers(); });
+    }
+    void cut() {
+        const Faults& f = farm_.scenario.faults;
+        const Instant until = farm_.now() + farm_.between(0s, f.partition_max);
+        if (farm_.rng.below(3) > 0)
+            return cut_off(random_group(), lines_, until);
+        const Process& broker = sites_[farm_.rng.below(brokers_.size())]->process;
+        const bool is_long = farm_.rng.below(4) == 0;
+        cut_apart(random_process(), broker, lines_,
+                  is_long ? std::max(until, Instant{} + f.heals_at) : until);
     }
     /// One process with, mostly, its workers; as often with any others.
     std::set<const Process*> random_group() {
