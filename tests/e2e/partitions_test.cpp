@@ -30,14 +30,14 @@ Words longer_picture() {
 /// Three brokers, two workers, and a client that has submitted a picture to the first broker.
 class Site {
 public:
-    explicit Site(TestNetwork network)
+    explicit Site(TestNetwork network, const Words& wishes = {})
         : network_(std::move(network)), brokers_(broker_count, {}, &network_),
           one_(start_worker(brokers_, "one", {"--log-level", "debug"}, &network_, host_one)),
           two_(start_worker(brokers_, "two", {"--log-level", "debug"}, &network_, host_two)),
-          client_(start_program(
-              "fraja-submit",
-              with(longer_picture(), {"-b", brokers_.endpoint(0), "-o", scratch_.file("farm.png")}),
-              &network_, host_client)) {
+          client_(start_program("fraja-submit",
+                                with(with(longer_picture(), wishes),
+                                     {"-b", brokers_.endpoint(0), "-o", scratch_.file("farm.png")}),
+                                &network_, host_client)) {
         brokers_.wait_for(0, " pixels queued");
         for (Process* worker : {&one_, &two_})
             wait_for(*worker, ": done in ");
@@ -140,5 +140,41 @@ TEST_CASE("a broker that hears the others, and is not heard, does no harm") {
     site.let_draw(site.two(), 1);
     for (const std::size_t deaf : {std::size_t{1}, std::size_t{2}, host_client})
         site.network().mend(0, deaf);
+    site.check_one_result();
+}
+
+TEST_CASE("two brokers that only the others hear both take no turns, and a checked picture ends") {
+    auto network = network_or_skip(host_count);
+    if (!network)
+        return;
+    Site site(std::move(*network), {"--verify", "1"});
+    site.network().cut(0, 1);
+    site.network().cut(1, 0);
+    for (const std::size_t i : {std::size_t{0}, std::size_t{1}})
+        site.brokers().wait_for(i, " is gone: 1 other broker of 2");
+    REQUIRE_FALSE(site.client().wait_for_exit(0ms).has_value());
+    CHECK(site.client().wait_for_exit(patience) == 0);
+    CHECK_FALSE(contains(site.brokers().at(0).err(), "leads no more"));
+    CHECK_FALSE(contains(site.brokers().at(1).err(), "this broker leads"));
+    site.network().mend(0, 1);
+    site.network().mend(1, 0);
+    site.check_one_result();
+}
+
+TEST_CASE("a broker that no worker reaches leaves the lead to one that they reach") {
+    auto network = network_or_skip(host_count);
+    if (!network)
+        return;
+    Site site(std::move(*network));
+    for (const std::size_t host : {host_one, host_two}) {
+        site.network().cut(0, host);
+        site.network().cut(host, 0);
+    }
+    site.brokers().wait_for(1, "no worker reaches " + site.brokers().endpoint(0));
+    CHECK(site.client().wait_for_exit(patience) == 0);
+    for (const std::size_t host : {host_one, host_two}) {
+        site.network().mend(0, host);
+        site.network().mend(host, 0);
+    }
     site.check_one_result();
 }
