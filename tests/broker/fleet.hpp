@@ -160,6 +160,7 @@ public:
         protocol::TileRendered answer = Farm::answer(tile);
         answer.pass = tile.pass;
         answer.rect = tile.rect;
+        answer.elapsed = drawing_time;
         if (name == liar && tile.probe_side == 0) {
             Bytes pixels(byte_count(answer.blobs));
             pixels.back() = std::byte{1};
@@ -226,6 +227,7 @@ public:
     std::map<std::string, Worker> workers;
     std::map<std::pair<std::size_t, PeerId>, std::vector<protocol::Message>> sent;
     std::size_t rendered = 0;
+    Duration drawing_time = std::chrono::milliseconds(5); ///< as workers say, of a tile
     std::string liar; ///< a worker: the last byte of all that it draws is wrong
 
 private:

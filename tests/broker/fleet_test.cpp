@@ -211,6 +211,39 @@ TEST_CASE("the next broker takes over, and what workers have in hand is not draw
     }
 }
 
+TEST_CASE("a tile that was begun under another leader took as long as its worker says") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    const SubmitJob picture = Farm::picture(1, 1);
+    (void)fleet.submit(0, "c", picture);
+    fleet.event(1, TopicSubscribed{job_topic(picture.job)});
+    fleet.pass(5s);
+    fleet.kill(0);
+    fleet.pass(2500ms);
+    REQUIRE(fleet.leaders() == std::vector<std::size_t>{1});
+    REQUIRE(fleet.state(1, picture.job)->in_flight_count == 1);
+    const auto told = [&]() -> const TileDone* {
+        for (const Publish& p : fleet.nodes[1].stream)
+            if (const auto* tile = std::get_if<TileDone>(&p.message))
+                return tile;
+        return nullptr;
+    };
+    SUBCASE("") {
+        fleet.drawing_time = 7400ms;
+        fleet.render_one("w");
+        REQUIRE(told());
+        CHECK(told()->elapsed == 7400ms);
+        CHECK(fleet.at(1).counters().render_time == 7400ms);
+    }
+    SUBCASE("but no longer than it can have had it") {
+        fleet.drawing_time = 1h;
+        fleet.render_one("w");
+        REQUIRE(told());
+        CHECK(told()->elapsed <= 7500ms + fleet.limits.heartbeat);
+    }
+}
+
 TEST_CASE("whoever asks a broker that stands by is told what is drawn, and by whom") {
     Fleet fleet(2);
     fleet.pass(4s);
