@@ -39,7 +39,7 @@ public:
                                  .keeps = keeps_,
                                  .started_at = now,
                                  .unix_offset = std::chrono::seconds(ids_),
-                                 .endpoint = endpoint(i),
+                                 .endpoint = advertised.contains(i) ? advertised[i] : endpoint(i),
                                  .peers = std::move(peers)},
             limits);
         event(i, Tick{});
@@ -222,6 +222,7 @@ public:
         std::vector<Write> kept;
     };
     Limits limits;
+    std::map<std::size_t, std::string> advertised; ///< by brokers that are not told where they are
     Instant now{std::chrono::hours(1)};
     std::vector<Node> nodes;
     std::map<std::string, Worker> workers;
