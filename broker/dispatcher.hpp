@@ -169,9 +169,10 @@ private:
     };
     struct Line { ///< that was dialled
         bool is_configured = false;
-        std::optional<BrokerId> broker; ///< who is there, as far as is known
-        Instant hello_at{};             ///< the last one
-        Instant told_at{};              ///< when another broker last told of it
+        std::optional<BrokerId> broker;  ///< who is there, as far as is known
+        std::optional<BrokerId> told_of; ///< who should be, as others told last
+        Instant hello_at{};              ///< the last one
+        Instant told_at{};               ///< when another broker last told of it
         Instant dialled_at{};
         bool was_answered = false; ///< by any broker
         bool is_missed = false;    ///< nobody ever has for long, and that was said
@@ -197,6 +198,8 @@ private:
     void note_no_company(const std::string& endpoint, const std::string& why);
     void dial(const std::string& endpoint, bool is_configured);
     void consider_dialling(const protocol::Member& member);
+    /// To somebody who is not known by another connection either.
+    [[nodiscard]] bool is_to_nobody_known(const Line& line) const;
     [[nodiscard]] protocol::BrokerHello own_hello() const;
     [[nodiscard]] protocol::BrokerBeat own_beat() const;
     void say_hello(const std::string& endpoint, Line& line);

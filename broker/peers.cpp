@@ -36,17 +36,30 @@ void Dispatcher::dial(const std::string& endpoint, bool is_configured) {
 
 /// Who is told of, and cannot be reached by any connection that there is.
 void Dispatcher::consider_dialling(const Member& member) {
-    if (const auto line = lines_.find(member.endpoint); line != lines_.end())
-        line->second.told_at = now_;
+    const auto line = lines_.find(member.endpoint);
+    const bool is_reached = std::ranges::any_of(lines_, [&](const auto& entry) {
+        return entry.second.broker == member.broker && entry.first != member.endpoint;
+    });
+    if (line != lines_.end()) {
+        line->second.told_of = member.broker;
+        if (!is_reached) // or one that nobody answers is let go
+            line->second.told_at = now_;
+        return;
+    }
     const bool is_known = member.endpoint.empty() || member.broker == identity_.broker ||
                           member.endpoint == identity_.endpoint || // in an earlier life
-                          lines_.contains(member.endpoint) ||
-                          own_endpoints_.contains(member.endpoint) ||
-                          std::ranges::any_of(lines_, [&](const auto& entry) {
-                              return entry.second.broker == member.broker;
-                          });
-    if (!is_known && lines_.size() < brokers_max)
-        dial(member.endpoint, false);
+                          own_endpoints_.contains(member.endpoint) || is_reached;
+    if (is_known || lines_.size() >= brokers_max)
+        return;
+    dial(member.endpoint, false);
+    lines_.at(member.endpoint).told_of = member.broker;
+}
+
+/// What a broker says of where it is may be wrong, or lead there from elsewhere only.
+bool Dispatcher::is_to_nobody_known(const Line& line) const {
+    const bool is_known =
+        line.told_of && (line.told_of == identity_.broker || membership_.knows(*line.told_of));
+    return !line.broker && !is_known;
 }
 
 BrokerHello Dispatcher::own_hello() const {
@@ -441,7 +454,7 @@ std::vector<PeerState> Dispatcher::peer_states() const {
                        .is_synced = peer.is_synced,
                        .leads = term().leader == id});
     for (const auto& [endpoint, line] : lines_)
-        if (!line.broker)
+        if (is_to_nobody_known(line))
             all.push_back({.broker = {}, .endpoint = endpoint, .program_version = {}});
     return all;
 }

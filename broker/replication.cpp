@@ -421,8 +421,8 @@ void Dispatcher::forget_copies(const BrokerId& broker) {
 }
 
 std::uint32_t Dispatcher::copies_wanted() const {
-    const auto never_heard =
-        std::ranges::count_if(lines_, [](const auto& entry) { return !entry.second.broker; });
+    const auto never_heard = std::ranges::count_if(
+        lines_, [&](const auto& entry) { return is_to_nobody_known(entry.second); });
     return static_cast<std::uint32_t>(membership_.peers().size() +
                                       static_cast<std::size_t>(never_heard));
 }

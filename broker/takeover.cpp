@@ -172,7 +172,8 @@ void Dispatcher::adopt_in_hand(const PeerId& peer, WorkerSession& worker) {
         const TileInFlight& in_hand = held.tile;
         if (worker.grants.contains(key))
             continue;
-        Grant grant{.granted_at = now_,
+        // Its next beat after it was given it would have told.
+        Grant grant{.granted_at = held.seen_at - limits_.heartbeat,
                     .progress_at = held.progress_at,
                     .started_at = now_,
                     .rays = in_hand.rays,

@@ -110,6 +110,11 @@ Result<AllowList> AllowList::read(const std::filesystem::path& file) {
     struct stat status {};
     if (fstat(fd, &status) != 0 || !S_ISREG(status.st_mode))
         return unreadable(file.string(), "it is no file");
+    if (status.st_uid != geteuid() && status.st_uid != 0)
+        return Error{ErrorCode::io,
+                     file.string() +
+                         ": it is somebody else's file, who can give himself any role: chown " +
+                         std::to_string(geteuid()) + " " + file.string() + ", or have your own"};
     if ((status.st_mode & (S_IWGRP | S_IWOTH)) != 0)
         return Error{ErrorCode::io, file.string() +
                                         ": others than its owner may write to it, and so give "

@@ -29,7 +29,8 @@ public:
 
     /// Errors: invalid_argument and limit_exceeded, with `file` and line.
     [[nodiscard]] static Result<AllowList> parse(std::string_view text, const std::string& file);
-    /// Besides: io, and a file that others than its owner may write to.
+    /// Besides: io, and of a file that is neither the caller's nor root's, or that others than its
+    /// owner may write to, with the cure.
     [[nodiscard]] static Result<AllowList> read(const std::filesystem::path& file);
 
     /// Another broker of the same farm has the same key.

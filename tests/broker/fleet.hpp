@@ -39,7 +39,7 @@ public:
                                  .keeps = keeps_,
                                  .started_at = now,
                                  .unix_offset = std::chrono::seconds(ids_),
-                                 .endpoint = endpoint(i),
+                                 .endpoint = advertised.contains(i) ? advertised[i] : endpoint(i),
                                  .peers = std::move(peers)},
             limits);
         event(i, Tick{});
@@ -166,6 +166,7 @@ public:
         protocol::TileRendered answer = Farm::answer(tile);
         answer.pass = tile.pass;
         answer.rect = tile.rect;
+        answer.elapsed = drawing_time;
         if (name == liar && tile.probe_side == 0) {
             Bytes pixels(byte_count(answer.blobs));
             pixels.back() = std::byte{1};
@@ -227,11 +228,13 @@ public:
         std::vector<Write> kept;
     };
     Limits limits;
+    std::map<std::size_t, std::string> advertised; ///< by brokers that are not told where they are
     Instant now{std::chrono::hours(1)};
     std::vector<Node> nodes;
     std::map<std::string, Worker> workers;
     std::map<std::pair<std::size_t, PeerId>, std::vector<protocol::Message>> sent;
     std::size_t rendered = 0;
+    Duration drawing_time = std::chrono::milliseconds(5); ///< as workers say, of a tile
     std::string liar; ///< a worker: the last byte of all that it draws is wrong
 
 private:

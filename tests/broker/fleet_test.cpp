@@ -171,6 +171,51 @@ TEST_CASE("of a peer that never was, and of one that is the broker itself, the l
     CHECK_FALSE(has_logged(was, 1, "peer_missed")); // it was there
 }
 
+TEST_CASE("a broker that cannot be reached where it says it is counts once") {
+    const auto check_counts = [](Fleet& fleet, std::size_t i) {
+        fleet.event(i, TopicSubscribed{std::string(farm_topic)});
+        fleet.pass(4s);
+        const auto told = std::ranges::find_if(fleet.nodes[i].stream, [](const Publish& p) {
+            return std::holds_alternative<FarmState>(p.message);
+        });
+        REQUIRE(told != fleet.nodes[i].stream.end());
+        CHECK(std::get<FarmState>(told->message).brokers.size() == 2);
+        CHECK(fleet.at(i).figures().brokers_here == 2);
+        CHECK(fleet.at(i).figures().brokers_gone == 0);
+        const JobId job = fleet.submit(i, "c", Farm::picture(1, 3));
+        CHECK(fleet.state(i, job)->copies == 1);
+        CHECK(fleet.state(i, job)->copies_wanted == 1);
+        fleet.kill(1 - i);
+        fleet.pass(4s);
+        CHECK(fleet.state(i, job)->copies == 0);
+        CHECK(fleet.state(i, job)->copies_wanted == 1);
+    };
+    const std::string nowhere = "tcp://nowhere:50057";
+    SUBCASE("and is reached where it was configured, which was answered later") {
+        Fleet fleet(2);
+        fleet.kill(0);
+        fleet.kill(1);
+        fleet.advertised[0] = nowhere;
+        fleet.start(0);
+        fleet.nodes[1].cut.insert(0); // it hears, and is not heard yet
+        fleet.start(1);
+        fleet.pass(2s);
+        REQUIRE(fleet.nodes[1].dialled.contains(nowhere));
+        fleet.heal();
+        fleet.pass(4s);
+        CHECK_FALSE(fleet.nodes[1].dialled.contains(nowhere));
+        check_counts(fleet, 1);
+    }
+    SUBCASE("and is reached by its own connection alone") {
+        Fleet fleet(1);
+        fleet.advertised[1] = nowhere;
+        fleet.start(1);
+        fleet.pass(4s);
+        CHECK(fleet.nodes[0].dialled.contains(nowhere));
+        check_counts(fleet, 0);
+    }
+}
+
 TEST_CASE("a lone broker wants no copies") {
     Fleet fleet(1);
     fleet.pass(4s);
@@ -208,6 +253,39 @@ TEST_CASE("the next broker takes over, and what workers have in hand is not draw
         REQUIRE(led_by.size() == count - 1);
         for (std::size_t i = 0; i < led_by.size(); ++i)
             CHECK(led_by[i] == "broker tcp://b" + std::to_string(i) + ":50057 leads");
+    }
+}
+
+TEST_CASE("a tile that was begun under another leader took as long as its worker says") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    const SubmitJob picture = Farm::picture(1, 1);
+    (void)fleet.submit(0, "c", picture);
+    fleet.event(1, TopicSubscribed{job_topic(picture.job)});
+    fleet.pass(5s);
+    fleet.kill(0);
+    fleet.pass(2500ms);
+    REQUIRE(fleet.leaders() == std::vector<std::size_t>{1});
+    REQUIRE(fleet.state(1, picture.job)->in_flight_count == 1);
+    const auto told = [&]() -> const TileDone* {
+        for (const Publish& p : fleet.nodes[1].stream)
+            if (const auto* tile = std::get_if<TileDone>(&p.message))
+                return tile;
+        return nullptr;
+    };
+    SUBCASE("") {
+        fleet.drawing_time = 7400ms;
+        fleet.render_one("w");
+        REQUIRE(told());
+        CHECK(told()->elapsed == 7400ms);
+        CHECK(fleet.at(1).counters().render_time == 7400ms);
+    }
+    SUBCASE("but no longer than it can have had it") {
+        fleet.drawing_time = 1h;
+        fleet.render_one("w");
+        REQUIRE(told());
+        CHECK(told()->elapsed <= 7500ms + fleet.limits.heartbeat);
     }
 }
 

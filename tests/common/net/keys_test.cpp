@@ -152,7 +152,7 @@ TEST_CASE("an allow-list has a limit of keys") {
     CHECK(AllowList::parse(text.substr(0, text.rfind("worker")), "allow").has_value());
 }
 
-TEST_CASE("an allow-list that others may write to is refused") {
+TEST_CASE("an allow-list that others may write to, or that is somebody else's, is refused") {
     const auto file =
         std::filesystem::temp_directory_path() / ("fraja-allow-" + std::to_string(getpid()));
     std::ofstream(file) << entry("worker", make_key_pair(), "w");
@@ -162,6 +162,16 @@ TEST_CASE("an allow-list that others may write to is refused") {
     const auto refused = AllowList::read(file);
     REQUIRE(!refused.has_value());
     CHECK(refused.error().message.find("chmod go-w") != std::string::npos);
+    chmod(file.c_str(), 0644);
+    if (geteuid() == 0) {
+        REQUIRE(chown(file.c_str(), 12345, 12345) == 0);
+        const auto not_ours = AllowList::read(file);
+        REQUIRE(!not_ours.has_value());
+        CHECK(not_ours.error().message.find("it is somebody else's file") != std::string::npos);
+        CHECK(not_ours.error().message.find("chown 0 " + file.string()) != std::string::npos);
+    } else {
+        MESSAGE("only root can give a file away: that somebody else's is refused is not tried");
+    }
     std::filesystem::remove(file);
     CHECK(AllowList::read(file).error().code == ErrorCode::io);
 }
