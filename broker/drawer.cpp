@@ -16,7 +16,7 @@ constexpr std::uint8_t version_of_keys = 0x80;
 } // namespace
 
 WorkerId drawer_of(const WorkerId& worker, const Holder& holder) {
-    if (!holder)
+    if (!holder || holder->is_shared)
         return worker;
     const ContentHash hash = protocol::content_hash(std::as_bytes(std::span(holder->key)));
     WorkerId id;

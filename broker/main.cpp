@@ -278,8 +278,9 @@ void describe(CLI::App& app, Arguments& arguments) {
                              "one, as of a broker of the same farm");
     app.add_option(
            "--allow", options.allow,
-           "Whose keys may do what, a line each: worker, submit, watch or admin (several as "
-           "submit,admin), the public key, a name; read again at HUP")
+           "Whose keys may do what, a line each: worker (workers where many machines have it), "
+           "submit, watch or admin (several as submit,admin), the public key, a name; read again "
+           "at HUP")
         ->envname("FRAJA_ALLOW")
         ->type_name("FILE");
     app.add_flag("--insecure", options.insecure,

@@ -136,7 +136,7 @@ void Dispatcher::end_if_done(Job& job) {
                  .subject = to_string(job.id()),
                  .text = described(job) + ": " + counted(given_up, "tile") +
                          " could not be checked: there is no second worker" +
-                         (has_keys() ? " with another key" : "")});
+                         (has_keys() ? " with another key (or of the role workers)" : "")});
         counters_.tiles_unchecked += given_up;
         look_ready(job);
         if (!job.checks().empty())

@@ -27,28 +27,33 @@ std::string_view take_word(std::string_view& line) {
     return word;
 }
 
-Result<protocol::Roles> parse_roles(std::string_view text) {
-    protocol::Roles roles;
+/// A worker's role, by a key that many machines have.
+constexpr std::string_view shared_worker = "workers";
+
+Result<void> parse_roles(std::string_view text, protocol::KeyHolder& holder) {
     for (;;) {
         const std::string_view word = text.substr(0, text.find(','));
-        const auto role = protocol::parse_role(word);
+        const auto role =
+            word == shared_worker ? protocol::Role::worker : protocol::parse_role(word);
         if (!role) {
-            const auto names = protocol::role_names();
+            auto names = protocol::role_names();
+            names.push_back(shared_worker);
             return Error{ErrorCode::invalid_argument,
                          "there is no role '" + printable(clipped(word, 100)) + "'" +
                              did_you_mean(meant_name(word, names)) +
-                             ": worker, submit, watch or admin, several as submit,admin"};
+                             ": worker, workers, submit, watch or admin, several as submit,admin"};
         }
-        roles.add(*role);
+        holder.roles.add(*role);
+        holder.is_shared = holder.is_shared || word == shared_worker;
         if (word.size() == text.size())
-            return roles;
+            return {};
         text.remove_prefix(word.size() + 1);
     }
 }
 
 Result<protocol::KeyHolder> parse_line(std::string_view line) {
-    const auto roles = parse_roles(take_word(line));
-    if (!roles)
+    protocol::KeyHolder holder;
+    if (const auto roles = parse_roles(take_word(line), holder); !roles)
         return roles.error();
     const auto key = parse_public_key(take_word(line));
     if (!key)
@@ -57,7 +62,9 @@ Result<protocol::KeyHolder> parse_line(std::string_view line) {
         return Error{ErrorCode::invalid_argument, "behind the key stands whose it is, in 1 to " +
                                                       std::to_string(protocol::name_bytes_max) +
                                                       " bytes"};
-    return protocol::KeyHolder{key->text, printable(line), *roles};
+    holder.key = key->text;
+    holder.name = printable(line);
+    return holder;
 }
 
 Error unreadable(const std::string& file, const std::string& why) {

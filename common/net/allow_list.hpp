@@ -1,8 +1,11 @@
 // AllowList: whose keys are known, and what each is for.
 //
 //     # ROLE[,ROLE] PUBLIC-KEY NAME
-//     worker        F=7..40 characters..  render farm
+//     workers       F=7..40 characters..  render farm
+//     worker        k8T..40 characters..  a guest's machine
 //     submit,admin  rq:M..40 characters.. ada
+//
+// `workers` is the role `worker`, and says that many machines of one owner have the key.
 #pragma once
 
 #include "common/base/result.hpp"

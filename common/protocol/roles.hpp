@@ -65,6 +65,7 @@ struct KeyHolder {
     std::string key;  ///< the public one, Z85
     std::string name; ///< for people; empty: nobody knows that key (any more)
     Roles roles;
+    bool is_shared = false; ///< by many machines of one owner: each is somebody by itself
     friend bool operator==(const KeyHolder&, const KeyHolder&) = default;
 };
 

@@ -19,6 +19,10 @@ TEST_CASE("whose tiles they are: of a key, whatever a worker says of itself") {
     CHECK(to_string(ada)[14] == '8'); // its version: a random id has 4
     CHECK(std::string("89ab").find(to_string(ada)[19]) != std::string::npos);
     CHECK(drawer_of(one, nullptr) == one);
+    const auto shared = std::make_shared<protocol::KeyHolder>(
+        protocol::KeyHolder{"A", "machines", {protocol::Role::worker}, true});
+    CHECK(drawer_of(one, shared) == one);
+    CHECK(voter_of(drawer_of(one, shared), "one") != voter_of(drawer_of(two, shared), "two"));
 }
 
 TEST_CASE("who has one voice: a key, or where there are none a name") {

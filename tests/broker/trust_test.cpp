@@ -153,6 +153,23 @@ TEST_CASE("workers of one key have one voice, whatever they call themselves") {
     }
 }
 
+TEST_CASE("machines that share a key check each other, and one of them is distrusted alone") {
+    const auto shared =
+        std::make_shared<KeyHolder>(KeyHolder{"key of all", "machines", {Role::worker}, true});
+    Farm farm;
+    for (const char* name : {"a", "b", "c"})
+        farm.worker_arrives(name, static_cast<std::uint8_t>(name[0] - 'a' + 1), 1, 2, {}, shared);
+    const JobId job = farm.submit("client", checked(1, 6));
+    work(farm, {"a", "b", "c"}, {"b"});
+    const JobState state = farm.state(job);
+    CHECK(state.phase == JobPhase::done);
+    CHECK(state.checks == CheckCounts{6, 0});
+    REQUIRE(state.distrusted.size() == 1);
+    CHECK(state.distrusted[0].worker_name == "b");
+    CHECK(farm.dispatcher.figures().workers_distrusted == 1);
+    CHECK(std::ranges::none_of(picture_of(farm, job), is_lie));
+}
+
 TEST_CASE("two keys are two, even where their workers have one name") {
     Farm farm;
     for (const char* who : {"ada", "eve"}) {

@@ -116,22 +116,29 @@ TEST_CASE("an allow-list names holders of keys and their roles, and of what is w
     CHECK(list.find(ada.public_key.text)->name == "ada lovelace");
     CHECK((list.find(ada.public_key.text)->roles == Roles{Role::submit, Role::admin}));
     CHECK(!list.find(make_key_pair().public_key.text));
+    CHECK_FALSE(list.find(farm.public_key.text)->is_shared);
+    const AllowList many =
+        allow(entry("workers", farm, "machines") + entry("watch,workers", ada, "a"));
+    for (const KeyPair* pair : {&farm, &ada})
+        CHECK(many.find(pair->public_key.text)->is_shared);
+    CHECK((many.find(farm.public_key.text)->roles == Roles{Role::worker}));
 
     const std::string key = ada.public_key.text;
     struct Row {
         std::string text, says;
     };
-    for (const Row& row : {Row{"\nwroker " + key + " x",
-                               "allow:2: there is no role 'wroker' (did you mean 'worker'?)"},
-                           Row{"broker " + key + " x", "allow:1: there is no role 'broker'"},
-                           Row{"worker, " + key + " x", "allow:1: there is no role ''"},
-                           Row{"worker abc x", "allow:1: 'abc' is no public key"},
-                           Row{"worker " + key, "allow:1: behind the key stands whose it is"},
-                           Row{"worker " + key + " " + std::string(201, 'x'), "1 to 200 bytes"},
-                           Row{"worker " + key + " a\n#\nsubmit " + key + " b",
-                               "allow:3: that key stands in line 1"},
-                           Row{"#" + std::string(allow_line_bytes_max, 'x'),
-                               "allow:1: a line has at most 1000 bytes"}}) {
+    for (const Row& row :
+         {Row{"\nwroker " + key + " x",
+              "allow:2: there is no role 'wroker' (did you mean 'worker'?): worker, workers, "},
+          Row{"broker " + key + " x", "allow:1: there is no role 'broker'"},
+          Row{"worker, " + key + " x", "allow:1: there is no role ''"},
+          Row{"worker abc x", "allow:1: 'abc' is no public key"},
+          Row{"worker " + key, "allow:1: behind the key stands whose it is"},
+          Row{"worker " + key + " " + std::string(201, 'x'), "1 to 200 bytes"},
+          Row{"worker " + key + " a\n#\nsubmit " + key + " b",
+              "allow:3: that key stands in line 1"},
+          Row{"#" + std::string(allow_line_bytes_max, 'x'),
+              "allow:1: a line has at most 1000 bytes"}}) {
         CAPTURE(row.text);
         const auto refused = AllowList::parse(row.text, "allow");
         REQUIRE(!refused.has_value());
