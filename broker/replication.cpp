@@ -456,12 +456,13 @@ void Dispatcher::acknowledge_if_safe(Job& job) {
         } else {
             job.acknowledged_at = now_ - std::max(record.elapsed, Duration{});
         }
-    } else if (!is_over(job.phase) && job.copies.empty() && !membership_.here(now_).empty()) {
+    } else if (!is_over(job.phase) && job.copies.empty() && copies_wanted() > 0) {
+        const bool is_left_alone = membership_.here(now_).empty();
         log({.level = LogLevel::warning,
              .kind = "kept_alone",
              .subject = to_string(job.id()),
-             .text = described(job) + " is kept by this broker alone: no other one has said that "
-                                      "it has it"});
+             .text = described(job) + " is kept by this broker alone: no other one " +
+                     (is_left_alone ? "is here" : "has said that it has it")});
     }
     if (!job.is_adopted || !job.client().empty())
         send(job.client(), state_of(job));

@@ -56,6 +56,13 @@ void add_checks(Json& json, const protocol::JobState& s) {
     json["distrusted"] = std::move(distrusted);
 }
 
+void add_copies(Json& json, const protocol::JobState& s) {
+    if (s.copies_wanted == 0) // the broker stands alone
+        return;
+    json["copies"] = s.copies;
+    json["copies_wanted"] = s.copies_wanted;
+}
+
 Json job_object(const protocol::JobState& s) {
     Json json = {{"schema", "fraja.job/1"},
                  {"job", fraja::to_string(s.job)},
@@ -71,10 +78,7 @@ Json job_object(const protocol::JobState& s) {
     json["scene"] = fraja::to_string(s.scene);
     json["settings"] = settings_object(s.settings);
     json["priority"] = s.priority;
-    if (s.copies_wanted > 0) { // of several brokers
-        json["copies"] = s.copies;
-        json["copies_wanted"] = s.copies_wanted;
-    }
+    add_copies(json, s);
     json["cell_side"] = s.cell_side;
     json["cell_count"] = s.cell_count;
     json["done_count"] = s.done_count;
@@ -270,6 +274,7 @@ std::string submit_json(const SubmissionReport& r) {
         json["cell_count"] = r.job.cell_count;
         json["done_count"] = r.job.done_count;
         json["workers"] = r.workers;
+        add_copies(json, r.job);
         add_checks(json, r.job);
         if (r.estimate)
             json["estimate"] = {{"samples_per_pixel", r.estimate->samples},
@@ -311,6 +316,7 @@ std::string film_json(const FilmReport& r) {
             one["scene"] = fraja::to_string(frame.job.scene);
             one["elapsed_s"] = seconds(frame.job.elapsed);
             one["render_s"] = seconds(frame.job.render_time);
+            add_copies(one, frame.job);
             add_checks(one, frame.job);
         }
         frames.push_back(std::move(one));

@@ -182,6 +182,11 @@ Instant CopiesNotice::tick(Instant now) {
     return due_;
 }
 
+void CopiesNotice::end() {
+    if (now_.lack() && due_ != Instant::never())
+        (void)tick(due_);
+}
+
 void CopiesNotice::tell_unless_none(std::string_view event, const std::string& text) {
     if (mode_ != ProgressMode::none)
         tell(console_, mode_, event, text);

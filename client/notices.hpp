@@ -116,6 +116,8 @@ public:
     void update(Instant now, const protocol::JobState& job);
     /// Says it if that is due. Returns when it wants to be called next.
     Instant tick(Instant now);
+    /// The program follows it no more: that copies lack is said now, or never.
+    void end();
 
 private:
     struct Copies {

@@ -59,6 +59,7 @@ public:
         return Outcome{ExitCode::unreachable, why_no_worker(options_)};
     }
     void finish(Instant now) {
+        copies_.end();
         if (picture_)
             preview_.finish(picture_->film());
         progress_.finish(now);
@@ -86,7 +87,7 @@ private:
             tell_resumed(console_, mode_, news.state, submitted_);
         job_ = news.state;
         if (options_.detach)
-            return;
+            return copies_.update(now, news.state);
         picture_.emplace(news.state.settings); // all its tiles come, again where it had been lost
         update(now, news.state);
     }

@@ -454,6 +454,7 @@ private:
 
     /// `begun`: so many frames were.
     Outcome summary(std::size_t begun) {
+        copies_.end();
         console_.end_redraw();
         say_what_was_written();
         if (const std::string words = unchecked_words(checks_); !words.empty())
@@ -489,6 +490,7 @@ private:
         shared_.leaving = true;
         for (auto& [index, one] : running_)
             one.thread.join();
+        copies_.end();
         std::string ids;
         std::size_t going_on = 0;
         for (auto& [index, one] : running_) {

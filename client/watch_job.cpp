@@ -88,6 +88,7 @@ public:
 
     Outcome finish(Instant now, Outcome outcome, const net::SignalWatch* signals) {
         keys_.reset();
+        copies_.end();
         if (picture_)
             preview_.finish(picture_->film());
         progress_.finish(now);

@@ -101,6 +101,43 @@ TEST_CASE("a job's state says at how many of the other brokers it is") {
     }
 }
 
+TEST_CASE("the log names each job that no other broker of those that should has a copy of") {
+    const auto kept_alone = [](const Fleet& fleet) {
+        std::vector<std::string> lines;
+        for (const Log& line : fleet.nodes[0].logs)
+            if (line.kind == "kept_alone")
+                lines.push_back(line.text);
+        return lines;
+    };
+    Fleet fleet(2);
+    fleet.pass(4s);
+    (void)fleet.submit(0, "c", Farm::picture(1, 3));
+    fleet.pass(1s);
+    CHECK(kept_alone(fleet).empty());
+    fleet.cut(0, 1); // it is here still, as far as is known
+    fleet.kill(1);
+    (void)fleet.submit(0, "c", Farm::picture(2, 3));
+    fleet.pass(fleet.limits.copy_patience + 1s);
+    (void)fleet.submit(0, "c", Farm::picture(3, 3));
+    const auto lines = kept_alone(fleet);
+    REQUIRE(lines.size() == 2);
+    for (const std::string& line : lines)
+        CHECK(line.ends_with("is kept by this broker alone: no other one is here"));
+
+    Fleet waiting(2); // for one that never came
+    waiting.kill(0);
+    waiting.kill(1);
+    waiting.start(0);
+    waiting.pass(9s);
+    (void)waiting.submit(0, "c", Farm::picture(1, 3));
+    CHECK(kept_alone(waiting).size() == 1);
+
+    Fleet alone(1);
+    alone.pass(4s);
+    (void)alone.submit(0, "c", Farm::picture(1, 3));
+    CHECK(kept_alone(alone).empty());
+}
+
 TEST_CASE("a watcher hears that a job has lost a copy, and that it has one again") {
     Fleet fleet(2);
     fleet.pass(4s);

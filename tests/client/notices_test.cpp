@@ -194,6 +194,41 @@ TEST_CASE("that fewer brokers keep a job than should is said once, and that all 
           "fraja-test: all 3 brokers keep the job\n");
 }
 
+TEST_CASE("whoever leaves is told at once that fewer brokers keep the job, if not told before") {
+    const auto kept = [](std::uint32_t copies) {
+        protocol::JobState state = job("");
+        state.copies = copies;
+        state.copies_wanted = 1;
+        return state;
+    };
+    const std::string words = "fraja-test: warning: a single broker of 2 keeps the job: if that "
+                              "one is lost, so is the job\n";
+    Written written(options);
+    CopiesNotice brief(written.console, ProgressMode::plain);
+    brief.update(start, kept(0));
+    auto over = kept(0);
+    over.phase = protocol::JobPhase::done;
+    brief.update(start + unsaid_max / 2, over);
+    brief.end();
+    CHECK(written.text() == words);
+    brief.end();
+    CHECK(written.text() == words);
+
+    CopiesNotice mended(written.console, ProgressMode::plain),
+        told(written.console, ProgressMode::plain),
+        never_lacked(written.console, ProgressMode::plain);
+    mended.update(start, kept(0));
+    mended.update(start + unsaid_max / 2, kept(1));
+    mended.end();
+    never_lacked.update(start, kept(1));
+    never_lacked.end();
+    CHECK(written.text() == words);
+    told.update(start, kept(0));
+    (void)told.tick(start + unsaid_max);
+    told.end();
+    CHECK(written.text() == words + words);
+}
+
 TEST_CASE("with --progress none it is said only where a single broker keeps a job") {
     Written written(options);
     CopiesNotice notice(written.console, ProgressMode::none);

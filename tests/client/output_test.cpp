@@ -8,6 +8,7 @@
 #include "tests/client/written.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <cstring>
 #include <doctest/doctest.h>
@@ -217,6 +218,29 @@ TEST_CASE("a submission's JSON has its job only when there was one") {
     CHECK(json["output"] == "cone.png");
     CHECK(json["exit_code"] == 1);
     CHECK(json["reason"] == "why");
+}
+
+TEST_CASE("of several brokers JSON says how many of the others keep the job, of one it does not") {
+    SubmissionReport report;
+    report.state = "accepted";
+    report.job = job();
+    FilmReport film;
+    film.frames = {{.number = 1, .state = "done", .reason = {}, .output = {}, .job = job()}};
+    const auto objects = [&] {
+        return std::array{Json::parse(submit_json(report)),
+                          Json::parse(film_json(film)).at("frames").at(0),
+                          Json::parse(job_json(report.job))};
+    };
+    for (const Json& json : objects()) {
+        CHECK_FALSE(json.contains("copies"));
+        CHECK_FALSE(json.contains("copies_wanted"));
+    }
+    report.job.copies_wanted = film.frames[0].job.copies_wanted = 2;
+    report.job.copies = film.frames[0].job.copies = 1;
+    for (const Json& json : objects()) {
+        CHECK(json.at("copies") == 1);
+        CHECK(json.at("copies_wanted") == 2);
+    }
 }
 
 TEST_CASE("a dry run's JSON has the broker that would be asked, or none, and others have no such") {

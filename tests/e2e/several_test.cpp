@@ -182,6 +182,38 @@ TEST_CASE("a branch serves all brokers above it, whichever leads, and hears of t
     }
 }
 
+TEST_CASE("that a single broker is left to keep a job is said, also of one that is left or brief") {
+    const Scratch scratch;
+    Brokers brokers(2);
+    const Process worker = start_worker(brokers, "one");
+    const std::string words = "warning: a single broker of 2 keeps the job";
+    const auto submit_here = [&](const Words& options) {
+        auto ran = submit(with({"-b", brokers.endpoint(1), scene("cone"), "-r", "32x24"}, options));
+        INFO(ran.err);
+        REQUIRE(ran.exit == 0);
+        return ran;
+    };
+    const auto kept = submit_here({"--detach", "--json"});
+    CHECK(!contains(kept.err, "keeps the job"));
+    CHECK(nlohmann::json::parse(kept.out).at("copies") == 1);
+    CHECK(nlohmann::json::parse(kept.out).at("copies_wanted") == 1);
+
+    brokers.kill(0);
+    brokers.wait_for(1, "kept by this one alone");
+    const auto detached = submit_here({"--detach"});
+    CHECK(contains(detached.err, words));
+    CHECK(std::ranges::count(detached.out, '\n') == 1); // the id
+    const std::vector<Words> rows{{"--detach", "--json"},
+                                  {"--json", "-o", scratch.file("brief.png")}};
+    for (const Words& options : rows) {
+        const auto ran = submit_here(options);
+        CHECK(contains(ran.err, words));
+        CHECK(nlohmann::json::parse(ran.out).at("copies") == 0);
+        CHECK(nlohmann::json::parse(ran.out).at("copies_wanted") == 1);
+    }
+    brokers.wait_for(1, "is kept by this broker alone: no other one is here");
+}
+
 TEST_CASE("fraja-ctl shows the brokers that were not named, and who leads") {
     Brokers brokers(3);
     const auto shown =
