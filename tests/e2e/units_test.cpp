@@ -34,7 +34,7 @@ public:
         return {"NOTIFY_SOCKET=" + path_, "WATCHDOG_USEC=3000000"};
     }
     /// Waits for these words; all that was said up to them.
-    /// Of what has been said so far.
+    /// Drops what has been said so far.
     void forget() const {
         std::array<char, 4096> bytes;
         while (recv(fd_, bytes.data(), bytes.size(), MSG_DONTWAIT) > 0) {
