@@ -146,6 +146,11 @@ void Referee::look_at(const protocol::JobState& state) {
         drop(w, state.job, [](const Taken&) { return true; }); // which of them is told to nobody
     if (std::exchange(w.number, state.number) != state.number && !keeps_)
         drop(w, state.job, [](const Taken&) { return true; }); // given up, perhaps, and come back
+    // Somebody may have been distrusted and, as the job was done elsewhere, trusted again, of which
+    // this one has heard neither: what he had drawn comes once more, from the others.
+    if (std::exchange(w.revision, state.revision) != state.revision && state.verify > 0 &&
+        !keeps_ && state.done_count < std::max<std::uint64_t>(w.told_count, w.done_count))
+        drop(w, state.job, [](const Taken&) { return true; });
     if (state.done_count < w.told_count)
         violation(state.job, "has fewer cells than before");
     w.told_count = state.done_count;

@@ -30,11 +30,12 @@ private:
     };
     struct Watched {
         protocol::CellGrid grid;
-        std::vector<bool> done{};     ///< cells of all passes, as far as is known
-        std::uint64_t done_count = 0; ///< of these
-        std::uint32_t told_count = 0; ///< in this epoch
-        std::uint64_t epoch = 0;      ///< the last that was told
-        std::uint32_t number = 0;     ///< likewise
+        std::vector<bool> done{};      ///< cells of all passes, as far as is known
+        std::uint64_t done_count = 0;  ///< of these
+        std::uint32_t told_count = 0;  ///< in this epoch
+        std::uint64_t epoch = 0;       ///< the last that was told
+        std::uint32_t number = 0;      ///< likewise
+        protocol::Revision revision{}; ///< likewise
         std::vector<Taken> tiles{};
         std::set<WorkerId> struck{}; ///< workers whose tiles do not count
     };
