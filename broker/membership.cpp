@@ -105,20 +105,20 @@ std::vector<BrokerId> Membership::here(Instant now) const {
     return all;
 }
 
-/// No worker reaches it, and some reach this broker: if it led nothing would be drawn.
-bool Membership::lacks_workers(Instant now, const Peer& peer) const {
-    return has_workers_ && !peer.has_workers &&
+/// One of the two has workers, and that has been so for a while.
+bool Membership::differs_in_workers(Instant now, const Peer& peer) const {
+    return peer.has_workers != has_workers_ &&
            now - std::max(workers_changed_at_, peer.workers_changed_at) >= terms_.workers_settling;
 }
 
-/// Likewise the other way round.
+/// No worker reaches it, and some reach this broker: if it led nothing would be drawn.
+bool Membership::lacks_workers(Instant now, const Peer& peer) const {
+    return has_workers_ && differs_in_workers(now, peer);
+}
+
 bool Membership::is_before(Instant now, const Peer& peer) const {
-    if (!peer.is_synced || !is_here(peer, now))
-        return false;
-    if (peer.has_workers != has_workers_ &&
-        now - std::max(workers_changed_at_, peer.workers_changed_at) >= terms_.workers_settling)
-        return peer.has_workers;
-    return peer.rank < own_;
+    return peer.is_synced && is_here(peer, now) &&
+           (differs_in_workers(now, peer) ? peer.has_workers : peer.rank < own_);
 }
 
 const Membership::Peer* Membership::passed_over(Instant now) const {

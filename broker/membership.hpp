@@ -103,6 +103,7 @@ private:
         return now - peer.heard_at <= patience(peer);
     }
     void note_heard(Instant now, Peer& peer);
+    [[nodiscard]] bool differs_in_workers(Instant now, const Peer& peer) const;
     [[nodiscard]] bool is_before(Instant now, const Peer& peer) const;
     [[nodiscard]] bool lacks_workers(Instant now, const Peer& peer) const;
     [[nodiscard]] bool leads_out_of_hearing(Instant now) const;

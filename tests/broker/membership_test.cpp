@@ -13,8 +13,14 @@ using Change = Membership::Change;
 
 namespace {
 
-constexpr Membership::Terms terms{
-    .patience = 1300ms, .patience_max = 2600ms, .settling = 500ms, .counter_min = 100};
+constexpr Membership::Terms terms{.patience = 1300ms,
+                                  .patience_max = 2600ms,
+                                  .settling = 500ms,
+                                  .told_patience = 3250ms,
+                                  .told_margin = 650ms,
+                                  .workers_patience = 5s,
+                                  .workers_settling = 2s,
+                                  .counter_min = 100};
 
 /// Named by when it started.
 BrokerId broker_of(std::uint8_t number) {
@@ -145,6 +151,65 @@ TEST_CASE("of two terms with one counter one is greater, so that two leaders do 
     CHECK(one.after(0s) == Change::none);
     one.membership.learn({counter, broker_of(2)});
     CHECK(one.after(0s) == Change::leads_no_more);
+}
+
+TEST_CASE("limits: told_patience_beats") {
+    const protocol::Term term{500, broker_of(1)};
+    One two(2);
+    two.meet(1, true, term);
+    two.meet(3);
+    // It has crashed: nobody has heard it later than this broker, by more than beats lie apart.
+    two.membership.hear_of_leader(two.now + 650ms, term, 0s);
+    CHECK(two.after(2600ms) == Change::begins_to_lead);
+
+    One other(2);
+    other.meet(1, true, term);
+    other.meet(3);
+    REQUIRE(other.after(2500ms) == Change::none);
+    other.membership.hear_of_leader(other.now, {400, broker_of(3)}, 0s); // of another leader
+    other.membership.hear_of_leader(other.now, term, 3251ms);            // too long ago
+    other.membership.hear_of_leader(other.now, term, -1s);               // rubbish
+    other.membership.hear_of_leader(other.now, term, 500ms);
+    CHECK(other.after(2750ms) == Change::none);
+    CHECK(other.after(1ms) == Change::begins_to_lead);
+    // Who is told so of itself, or of one that it hears, goes by its own ears.
+    other.membership.hear_of_leader(other.now, other.membership.term(), 0s);
+    CHECK(other.after(0s) == Change::none);
+    CHECK(other.membership.leader_silence(other.now) == Duration::max());
+}
+
+TEST_CASE("limits: workers_patience_beats") {
+    One two(2);
+    const auto tell = [&](bool has_workers) { // the first one's beat
+        protocol::BrokerBeat beat = beat_of(1, true, {500, broker_of(1)});
+        beat.leads = true;
+        beat.has_workers = has_workers;
+        two.membership.hear(two.now, beat);
+    };
+    const auto first_change_in = [&](Duration most) {
+        const Instant begin = two.now;
+        while (two.now < begin + most) {
+            two.now = two.now + 250ms;
+            tell(false);
+            if (two.membership.update(two.now) != Change::none)
+                break;
+        }
+        return two.now - begin;
+    };
+    two.meet(1, true, {500, broker_of(1)});
+    CHECK(first_change_in(20s) == 20s); // nobody has any
+    two.membership.note_workers(two.now, true);
+    tell(true);
+    CHECK(two.membership.leader_silence(two.now) == 0s);
+    two.now = two.now + 5s;
+    two.membership.note_workers(two.now, true);
+    CHECK(two.membership.has_workers());
+    CHECK(first_change_in(20s) == 2'250ms); // since its first beat without
+    CHECK(two.membership.leads());
+    REQUIRE(two.membership.passed_over(two.now));
+    CHECK(two.membership.passed_over(two.now)->rank == rank_of(1));
+    tell(true); // it has some again
+    CHECK(two.after(0s) == Change::leads_no_more);
 }
 
 TEST_CASE("two that begin at once, as neither hears the other, begin terms of two counters") {
