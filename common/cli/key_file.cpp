@@ -1,5 +1,7 @@
 #include "common/cli/key_file.hpp"
 
+#include "common/base/z85.hpp"
+
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -38,10 +40,7 @@ Error trouble(const std::filesystem::path& file, const std::string& what,
 /// Somebody may have typed the secret itself, which is as long as any key in Z85 (RFC 32).
 bool may_be_key(std::string_view text) {
     constexpr std::size_t key_characters = 40;
-    constexpr std::string_view alphabet =
-        "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ.-:+=^!/*?&<>()[]{}@%$#";
-    return text.size() == key_characters &&
-           text.find_first_not_of(alphabet) == std::string_view::npos;
+    return text.size() == key_characters && is_of_z85(text);
 }
 
 Error cannot_be_opened(const std::filesystem::path& file, const char* why) {

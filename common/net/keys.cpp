@@ -2,6 +2,7 @@
 
 #include "common/base/assert.hpp"
 #include "common/base/text.hpp"
+#include "common/base/z85.hpp"
 
 #include <array>
 #include <cstring>
@@ -18,12 +19,9 @@ using Text = std::array<char, key_characters + 1>;
 
 /// As zmq_z85_decode() wants it, which complains to nobody of some bytes that are none.
 bool is_z85(std::string_view text) {
-    constexpr std::string_view alphabet =
-        "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWX"
-        "YZ.-:+=^!/*?&<>()[]{}@%$#";
     std::array<std::uint8_t, key_bytes> bytes{};
     Text terminated{};
-    if (text.size() != key_characters || text.find_first_not_of(alphabet) != std::string_view::npos)
+    if (text.size() != key_characters || !is_of_z85(text))
         return false;
     std::ranges::copy(text, terminated.begin());
     const bool decodes = zmq_z85_decode(bytes.data(), terminated.data()) != nullptr;
