@@ -84,6 +84,12 @@ public:
         s.tile_side = 10;
         return s;
     }
+    /// Likewise, with a share of its tiles drawn twice.
+    static protocol::SubmitJob checked(std::uint8_t id, std::uint32_t columns, double verify = 1) {
+        protocol::SubmitJob s = picture(id, columns);
+        s.wishes.verify = verify;
+        return s;
+    }
     static protocol::Chunk scene_chunk() {
         return {scene_hash, 0, scene_bytes.size(), {Blob(scene_bytes)}};
     }

@@ -119,20 +119,13 @@ public:
         std::set<std::size_t> cut{};                   ///< brokers that hear nothing of it
         std::map<std::size_t, Instant> led_at{};       ///< brokers that have said that they lead
     };
-    /// Known to all brokers that are there by that name.
-    void worker_arrives(const std::string& name, std::uint8_t id, std::uint32_t credit) {
-        worker_arrives(name, id, credit, {});
-    }
+    /// Known to all brokers that are there, and hear it, by that name.
     void worker_arrives(const std::string& name, std::uint8_t id, std::uint32_t credit,
-                        std::set<std::size_t> cut) {
-        workers[name] = {.id = id,
-                         .credit = credit,
-                         .term = {},
-                         .has = {},
-                         .received = {},
-                         .hangs = false,
-                         .cut = std::move(cut),
-                         .led_at = {}};
+                        std::set<std::size_t> cut = {}) {
+        Worker& worker = workers[name] = {};
+        worker.id = id;
+        worker.credit = credit;
+        worker.cut = std::move(cut);
         for (std::size_t i = 0; i < nodes.size(); ++i)
             if (hears(i, name))
                 greet(i, name);

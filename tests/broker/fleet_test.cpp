@@ -637,8 +637,7 @@ TEST_CASE("an end that only a leader had told of that died is not waited for") {
     Fleet fleet(3);
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 1);
-    SubmitJob picture = Farm::picture(1, 4);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 4);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(100ms);
     REQUIRE(fleet.render_one("w"));
@@ -785,8 +784,7 @@ TEST_CASE("a checked job ends while two brokers hear each other through others a
     fleet.worker_arrives("v", 2, 2);
     fleet.cut(0, 1);
     fleet.pass(4s);
-    SubmitJob picture = Farm::picture(1, 60);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 60);
     const JobId job = fleet.submit(2, "c", picture);
     fleet.pass(3s);
     for (int i = 0; i < 150; ++i) { // a second for each tile and its check

@@ -15,8 +15,7 @@ TEST_CASE("of a checked job a standby broker has what the one that leads has, an
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 2);
     fleet.worker_arrives("v", 2, 2);
-    SubmitJob picture = Farm::picture(1, 4);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 4);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(100ms);
     REQUIRE(fleet.render_one("w"));
@@ -72,8 +71,7 @@ TEST_CASE("what was checked and is done belongs to its epoch until a later leade
     Fleet fleet(3);
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 1);
-    SubmitJob picture = Farm::picture(1, 2);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 2);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(1s);
     fleet.cut(1, 0);
@@ -108,8 +106,7 @@ TEST_CASE("of two ends of a checked job nobody is told that more was checked tha
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 1);
     fleet.worker_arrives("v", 2, 1);
-    SubmitJob picture = Farm::picture(1, 2);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 2);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(100ms);
     for (int i = 0; i < 9; ++i) {
@@ -187,8 +184,7 @@ TEST_CASE("what nobody could check is checked after all, as long as the job is n
     Fleet fleet(2);
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 2);
-    SubmitJob picture = Farm::picture(1, 2);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 2);
     (void)fleet.submit(0, "c", picture);
     fleet.pass(100ms);
     fleet.liar = "l";
@@ -229,8 +225,7 @@ TEST_CASE("what an earlier leader had not checked goes from what was cancelled a
     Fleet fleet(3);
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 1);
-    SubmitJob picture = Farm::picture(1, 4);
-    picture.wishes.verify = 1;
+    const SubmitJob picture = Farm::checked(1, 4);
     (void)fleet.submit(0, "c", picture);
     for (std::size_t i = 0; i < 3; ++i)
         fleet.event(i, TopicSubscribed{job_topic(picture.job)});
@@ -322,8 +317,7 @@ TEST_CASE("a job that comes to its end by itself follows what another broker has
         fleet.pass(4s);
         fleet.worker_arrives("w", 1, 8);
         fleet.worker_arrives("v", 2, 1);
-        SubmitJob picture = Farm::picture(1, 4);
-        picture.wishes.verify = 1;
+        const SubmitJob picture = Farm::checked(1, 4);
         (void)fleet.submit(0, "c", picture);
         fleet.pass(100ms);
         for (fleet.render_all("w"); fleet.state(0, picture.job)->done_count < 4;

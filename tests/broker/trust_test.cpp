@@ -12,12 +12,6 @@ namespace {
 using namespace protocol;
 using namespace std::chrono_literals;
 
-SubmitJob checked(std::uint8_t id, std::uint32_t columns, double verify = 1) {
-    SubmitJob s = Farm::picture(id, columns);
-    s.wishes.verify = verify;
-    return s;
-}
-
 /// Liars that do not agree have each another number.
 TileRendered lie(const RenderTile& tile, std::uint8_t number = 1) {
     TileRendered answer = Farm::answer(tile);
@@ -63,7 +57,7 @@ std::vector<TileDone> picture_of(Farm& farm, const JobId& job) {
 TEST_CASE("every tile of --verify 1 is drawn by two workers before the job is done") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 2);
-    const JobId job = farm.submit("client", checked(1, 4));
+    const JobId job = farm.submit("client", Farm::checked(1, 4));
     const auto first = farm.tiles("a");
     farm.worker_arrives("b", 2, 1, 2);
     for (const RenderTile& tile : first)
@@ -94,7 +88,7 @@ TEST_CASE("the share of tiles that is checked is the one that was asked for") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 8);
     farm.worker_arrives("b", 2, 1, 8);
-    const JobId job = farm.submit("client", checked(1, 1000, 0.1));
+    const JobId job = farm.submit("client", Farm::checked(1, 1000, 0.1));
     work(farm, {"a", "b"});
     const CheckCounts checks = farm.state(job).checks;
     CHECK(checks.agreed > 70);
@@ -115,7 +109,7 @@ TEST_CASE("workers of one key have one voice, whatever they call themselves") {
     farm.worker_arrives("a", 1, 1, 2, {}, key_of("mallory"));
     farm.worker_arrives("b", 2, 1, 2, {}, key_of("mallory"));
     SUBCASE("they do not check each other") {
-        const JobId job = farm.submit("client", checked(1, 6));
+        const JobId job = farm.submit("client", Farm::checked(1, 6));
         work(farm, {"a", "b"}, {"a", "b"});
         CHECK(farm.state(job).phase == JobPhase::done);
         CHECK(farm.state(job).checks == CheckCounts{0, 6});
@@ -125,7 +119,7 @@ TEST_CASE("workers of one key have one voice, whatever they call themselves") {
     }
     SUBCASE("they do not win against one of another key") {
         farm.worker_arrives("c", 3, 1, 2, {}, key_of("ada"));
-        const JobId job = farm.submit("client", checked(1, 6));
+        const JobId job = farm.submit("client", Farm::checked(1, 6));
         work(farm, {"a", "b", "c"}, {"a", "b"});
         CHECK(farm.state(job).phase == JobPhase::running);
         CHECK(farm.state(job).distrusted.empty());
@@ -146,7 +140,7 @@ TEST_CASE("workers of one key have one voice, whatever they call themselves") {
         // A new process with a new name is the same one.
         farm.say("a", Goodbye{});
         farm.worker_arrives("new", 9, 1, 2, {}, key_of("mallory"));
-        const JobId next = farm.submit("client", checked(2, 6));
+        const JobId next = farm.submit("client", Farm::checked(2, 6));
         work(farm, {"c", "d"});
         CHECK(farm.tiles("new").empty());
         CHECK(farm.state(next).phase == JobPhase::done);
@@ -159,7 +153,7 @@ TEST_CASE("machines that share a key check each other, and one of them is distru
     Farm farm;
     for (const char* name : {"a", "b", "c"})
         farm.worker_arrives(name, static_cast<std::uint8_t>(name[0] - 'a' + 1), 1, 2, {}, shared);
-    const JobId job = farm.submit("client", checked(1, 6));
+    const JobId job = farm.submit("client", Farm::checked(1, 6));
     work(farm, {"a", "b", "c"}, {"b"});
     const JobState state = farm.state(job);
     CHECK(state.phase == JobPhase::done);
@@ -181,7 +175,7 @@ TEST_CASE("two keys are two, even where their workers have one name") {
         hello.credit = 2;
         farm.event(PeerSaid{who, hello, key_of(who)});
     }
-    const JobId job = farm.submit("client", checked(1, 6));
+    const JobId job = farm.submit("client", Farm::checked(1, 6));
     work(farm, {"ada", "eve"});
     CHECK(farm.state(job).checks == CheckCounts{6, 0});
 }
@@ -189,7 +183,7 @@ TEST_CASE("two keys are two, even where their workers have one name") {
 TEST_CASE("without a second worker a job ends, and says what was not checked") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 2);
-    const JobId job = farm.submit("client", checked(1, 3));
+    const JobId job = farm.submit("client", Farm::checked(1, 3));
     SUBCASE("there never was one") {
         work(farm, {"a"});
     }
@@ -222,7 +216,7 @@ TEST_CASE(
     Farm farm;
     for (std::uint8_t i = 1; i <= 3; ++i)
         farm.worker_arrives(std::string(1, static_cast<char>('a' + i - 1)), i, 1, 2);
-    const JobId job = farm.submit("client", checked(1, 12));
+    const JobId job = farm.submit("client", Farm::checked(1, 12));
     farm.subscribe(job);
     work(farm, {"a", "b", "c"}, {"b"});
     const JobState state = farm.state(job);
@@ -254,7 +248,7 @@ TEST_CASE("a liar gets nothing, even if it is the last one, until somebody takes
     Farm farm;
     for (std::uint8_t i = 1; i <= 3; ++i)
         farm.worker_arrives(std::string(1, static_cast<char>('a' + i - 1)), i, 1, 2);
-    (void)farm.submit("client", checked(1, 12));
+    (void)farm.submit("client", Farm::checked(1, 12));
     work(farm, {"a", "b", "c"}, {"b"});
     farm.say("a", Goodbye{});
     farm.say("c", Goodbye{});
@@ -292,7 +286,7 @@ TEST_CASE("what a liar has drawn for other jobs is drawn again, too") {
         for (const RenderTile& tile : farm.tiles("b"))
             farm.say("b", lie(tile));
     CHECK(farm.state(other).done_count > 3);
-    (void)farm.submit("client", checked(1, 6));
+    (void)farm.submit("client", Farm::checked(1, 6));
     farm.worker_arrives("a", 1, 1, 2);
     farm.worker_arrives("c", 3, 1, 2);
     work(farm, {"a", "b", "c"}, {"b"});
@@ -307,7 +301,7 @@ TEST_CASE("two workers that disagree draw it again, and then a third is waited f
     Farm farm;
     farm.worker_arrives("a", 1, 1, 1);
     farm.worker_arrives("b", 2, 1, 1);
-    const JobId job = farm.submit("client", checked(1, 2));
+    const JobId job = farm.submit("client", Farm::checked(1, 2));
     work(farm, {"a", "b"}, {"b"});
     farm.pass(farm.limits.heartbeat / 2);
     JobState state = farm.state(job);
@@ -330,7 +324,7 @@ TEST_CASE("limits: contest_interval") {
     // The only one who could tell who is right has failed to draw the tile, and may not fail again.
     Farm farm;
     farm.worker_arrives("a", 1, 1, 1);
-    const JobId job = farm.submit("client", checked(1, 1));
+    const JobId job = farm.submit("client", Farm::checked(1, 1));
     farm.worker_arrives("b", 2, 1, 1);
     farm.render("a", farm.tiles("a").at(0));
     farm.say("b", lie(farm.tiles("b").at(0)));
@@ -368,7 +362,7 @@ TEST_CASE("limits: contest_interval") {
 TEST_CASE("of two workers the one is found out that does not say the same twice") {
     Farm farm;
     farm.worker_arrives("a", 1, 1, 1);
-    const JobId job = farm.submit("client", checked(1, 1));
+    const JobId job = farm.submit("client", Farm::checked(1, 1));
     farm.worker_arrives("b", 2, 1, 1);
     farm.say("a", lie(farm.tiles("a").at(0))); // once
     work(farm, {"a", "b"});
@@ -391,7 +385,7 @@ TEST_CASE("what a broker keeps does not bring a liar's tiles back") {
         if (farm.persisted.back().sequence > stored)
             farm.event(Stored{stored = farm.persisted.back().sequence});
     };
-    const SubmitJob submission = checked(1, 12);
+    const SubmitJob submission = Farm::checked(1, 12);
     const JobId job = farm.submit("client", submission);
     store();
     for (int i = 0; i < 8; ++i) {
@@ -449,7 +443,7 @@ TEST_CASE("what several brokers have of a liar does not come back from any of th
     for (std::uint8_t i = 1; i <= 3; ++i)
         fleet.worker_arrives(std::string(1, static_cast<char>('a' + i - 1)), i, 2);
     fleet.pass(1s);
-    const JobId job = fleet.submit(leader, "client", checked(1, 12));
+    const JobId job = fleet.submit(leader, "client", Farm::checked(1, 12));
     fleet.liar = "b";
     for (int i = 0; i < 40; ++i) {
         for (const char* name : {"a", "b", "c"})
@@ -484,7 +478,7 @@ TEST_CASE("checks that make no sense are refused in words") {
                            Row{[](SubmitJob& s) { s.wishes.verify = -1; }, "0 to 1"},
                            Row{[](SubmitJob& s) { s.settings.time_limit = 5s; }, "time limit"},
                            Row{[](SubmitJob& s) { s.wishes.workers_max = 1; }, "two workers"}}) {
-        SubmitJob s = checked(1, 2);
+        SubmitJob s = Farm::checked(1, 2);
         row.spoil(s);
         farm.client_arrives("client");
         farm.forget("client");
@@ -495,7 +489,7 @@ TEST_CASE("checks that make no sense are refused in words") {
 
 TEST_CASE("a job that would distrust more than distrusted_max workers fails") {
     Farm farm(Limits{.workers_max = 2 * distrusted_max});
-    const JobId job = farm.submit("client", checked(1, distrusted_max + 1));
+    const JobId job = farm.submit("client", Farm::checked(1, distrusted_max + 1));
     // Each draws one tile wrongly; two honest ones find that out.
     for (std::uint8_t i = 0; i <= distrusted_max; ++i)
         farm.worker_arrives("liar" + std::to_string(i), static_cast<std::uint8_t>(10 + i), 1, 1);

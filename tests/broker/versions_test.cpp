@@ -135,8 +135,7 @@ TEST_CASE("another version is told in the log once, and counted each time") {
 TEST_CASE("a job that is checked is not there for who knows nothing of distrust") {
     MixedFarm farm;
     farm.worker_of(version, "w", 1);
-    SubmitJob checked = Farm::picture(1, 2);
-    checked.wishes.verify = 1;
+    const SubmitJob checked = Farm::checked(1, 2);
     (void)farm.submit("client", checked);
     farm.say_in(older, "old", ClientHello{"c", "test"});
     farm.say_in(older, "old", FindJob{to_string(checked.job)});
