@@ -500,7 +500,9 @@ private:
                      const std::vector<Tile>& tiles);
     bool take_distrusted(const JobId& id, const std::vector<protocol::Distrusted>& theirs);
     void heed_new_term();
-    [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from) const;
+    [[nodiscard]] bool leads_in(std::uint64_t epoch, const BrokerId& broker) const;
+    [[nodiscard]] bool may_take_tiles(const Job& job, const BrokerId& from,
+                                      std::uint64_t epoch) const;
     [[nodiscard]] bool is_checked_as_told(const Job& job) const;
     [[nodiscard]] bool ends_as_told(const Job& job) const;
     [[nodiscard]] bool can_do_without_tiles(const Job& job) const;

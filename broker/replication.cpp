@@ -33,7 +33,7 @@ std::uint64_t digest_of(const JobDigest& job) {
 // ------------------------------------------------------------------------------- what is here
 
 JobDigests Dispatcher::job_digests() const {
-    JobDigests digests;
+    JobDigests digests{.jobs = {}, .epoch = heeded_term_.counter};
     for (const auto& [id, job] : jobs_)
         if (job.phase != JobPhase::waiting_for_scene && !is_order(job) && !job.is_partial_copy())
             digests.jobs.push_back({id, job.revision, job.done_hash()});
@@ -62,7 +62,8 @@ JobRecord Dispatcher::record_of(const Job& job) const {
             .elapsed = state.elapsed,
             .over_for = job.over_at ? now_ - *job.over_at : Duration{},
             .checks = job.checks().counts(),
-            .distrusted = job.distrusted()};
+            .distrusted = job.distrusted(),
+            .epoch = heeded_term_.counter};
 }
 
 /// Of what is wanted of the job, or has become of it. Others hear of it once its scene is here.
@@ -85,6 +86,7 @@ void Dispatcher::tell_changes() {
 
 void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
     Colleague& colleague = colleagues_[broker];
+    const bool is_leaders_word = leads_in(theirs.epoch, broker);
     bool lacks = false;
     std::size_t asked = 0;
     for (const JobDigest& their : theirs.jobs) {
@@ -98,8 +100,8 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
         if (job && broker == term().leader && job->phase == JobPhase::done &&
             their.revision == job->revision && their.cells == job->done_hash())
             note_done_at_leader(*job);
-        if (job && job->awaited && broker == term().leader &&
-            their.revision == job->awaited->revision && !job->leader_agrees) {
+        if (job && job->awaited && is_leaders_word && their.revision == job->awaited->revision &&
+            !job->leader_agrees) {
             job->leader_agrees = true;
             settle(*job);
         }
@@ -109,7 +111,7 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
                 tell(broker, WantJob{their.job});
         } else if (job->phase == JobPhase::waiting_for_scene) {
             lacks = true;
-        } else if (job->done_hash() != their.cells && may_take_tiles(*job, broker)) {
+        } else if (job->done_hash() != their.cells && may_take_tiles(*job, broker, theirs.epoch)) {
             lacks = lacks || !colleague.repaired.contains(their.job);
             if (asked++ < limits_.copies_asked_max)
                 ask_for_cells(broker, *job);
@@ -138,7 +140,7 @@ void Dispatcher::repair_done(const BrokerId& broker, const RepairDone& done) {
 void Dispatcher::take_tile(const BrokerId& broker, const TileDone& done) {
     Job* job = job_of(done.job);
     if (!job || is_order(*job) || job->phase == JobPhase::waiting_for_scene ||
-        !may_take_tiles(*job, broker))
+        !may_take_tiles(*job, broker, done.epoch))
         return;
     const auto tile = job->tile_of(done);
     if (!tile || job->distrusts(done.worker) || job->all_cells_done(*tile))
@@ -183,7 +185,7 @@ void Dispatcher::take_record(const BrokerId& broker, const JobRecord& record) {
         return;
     }
     job->awaited = record;
-    job->leader_agrees = broker == term().leader;
+    job->leader_agrees = leads_in(record.epoch, broker);
     settle(*job);
 }
 
@@ -223,7 +225,7 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record, cons
     Job& job = jobs_.emplace(s.job, std::move(fresh)).first->second;
     job.join(party_of(job));
     job.is_adopted = true;
-    job.leader_agrees = broker == term().leader;
+    job.leader_agrees = leads_in(record.epoch, broker);
     for (const Distrusted& who : record.distrusted)
         if (!job.distrusts(who.worker))
             (void)job.distrust(who);

@@ -338,8 +338,13 @@ void Dispatcher::heed_new_term() {
     }
 }
 
-bool Dispatcher::may_take_tiles(const Job& job, const BrokerId& from) const {
-    return !job.is_checked() || membership_.leads() || from == term().leader;
+/// Word of a new term may come by another way than what its leader said in one of before.
+bool Dispatcher::leads_in(std::uint64_t epoch, const BrokerId& broker) const {
+    return broker == term().leader && epoch == term().counter;
+}
+
+bool Dispatcher::may_take_tiles(const Job& job, const BrokerId& from, std::uint64_t epoch) const {
+    return !job.is_checked() || membership_.leads() || leads_in(epoch, from);
 }
 
 /// Whether the end that another broker tells of is one that the tiles here have come to as well.

@@ -860,8 +860,12 @@ struct JobDigests {
     static constexpr std::string_view name = "JobDigests";
     static constexpr Version since = 12;
     std::vector<JobDigest> jobs;
+    std::uint64_t epoch = 0; ///< in which it was sent
     friend bool operator==(const JobDigests&, const JobDigests&) = default;
-    static constexpr auto fields() { return std::tuple{Field{"jobs", &JobDigests::jobs}}; }
+    template <class T = JobDigests>
+    static constexpr auto fields() {
+        return std::tuple{Field{"jobs", &T::jobs}, Field{"epoch", &T::epoch}};
+    }
 };
 
 struct WantJob {
@@ -890,6 +894,7 @@ struct JobRecord {
     Duration over_for{};
     CheckCounts checks;
     std::vector<Distrusted> distrusted;
+    std::uint64_t epoch = 0; ///< in which it was sent
     friend bool operator==(const JobRecord&, const JobRecord&) = default;
     template <class T = JobRecord>
     static constexpr auto fields() {
@@ -905,7 +910,8 @@ struct JobRecord {
                           Field{"elapsed", &T::elapsed},
                           Field{"over_for", &T::over_for},
                           Field{"checks", &T::checks},
-                          Field{"distrusted", &T::distrusted}};
+                          Field{"distrusted", &T::distrusted},
+                          Field{"epoch", &T::epoch}};
     }
 };
 

@@ -644,6 +644,7 @@ TEST_CASE("an end that only a leader had told of that died is not waited for") {
     fleet.pass(3s);
     JobRecord word = word_of(picture, {99, fleet.nodes[0].id}, JobPhase::done);
     word.done_count = 4;
+    word.epoch = fleet.state(2, picture.job)->epoch;
     fleet.say(2, "broker 0", word); // and nobody else hears it, nor gets its tiles
     REQUIRE(fleet.state(2, picture.job)->phase != JobPhase::done);
     fleet.kill(0);

@@ -33,6 +33,59 @@ TEST_CASE("of a checked job a standby broker has what the one that leads has, an
     CHECK(fleet.state(1, picture.job)->checks.agreed == 4);
 }
 
+TEST_CASE("what a leader said in a term of before does not count for a checked job") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 2);
+    const SubmitJob picture = Farm::checked(1, 2);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(1s);
+    const std::uint64_t epoch = fleet.state(1, picture.job)->epoch;
+    const auto tile = [&](std::size_t i, std::uint64_t sent_in) {
+        const RenderTile& t = fleet.workers.at("w").has.at(i);
+        return TileDone{.job = t.job,
+                        .tile = t.tile,
+                        .rect = t.rect,
+                        .worker_name = "w",
+                        .rays = {},
+                        .worker = id_of<WorkerId>(1),
+                        .epoch = sent_in,
+                        .blobs = Farm::answer(t).blobs};
+    };
+    for (std::uint32_t i = 0; i < 2; ++i) {
+        fleet.say(1, "broker 0", tile(i, epoch - 1));
+        CHECK(fleet.state(1, picture.job)->done_count == i);
+        fleet.say(1, "broker 0", tile(i, epoch));
+        REQUIRE(fleet.state(1, picture.job)->done_count == i + 1);
+    }
+    JobRecord word =
+        word_of(picture, {fleet.state(1, picture.job)->revision.counter + 1, fleet.nodes[0].id},
+                JobPhase::done);
+    word.done_count = 2;
+    const auto says_that_it_is_done = [&](std::uint64_t sent_in) {
+        word.epoch = sent_in;
+        fleet.say(1, "broker 0", word);
+    };
+    const auto says_that_it_has_that = [&](std::uint64_t sent_in) {
+        fleet.say(1, "broker 0", JobDigests{{{picture.job, word.revision, 1}}, sent_in});
+    };
+    const auto phase = [&] { return fleet.state(1, picture.job)->phase; };
+    SUBCASE("its word of the end") {
+        says_that_it_is_done(epoch - 1);
+        CHECK(phase() != JobPhase::done);
+        word.revision.counter += 1;
+        says_that_it_is_done(epoch);
+        CHECK(phase() == JobPhase::done);
+    }
+    SUBCASE("what it had") {
+        says_that_it_is_done(epoch - 1);
+        says_that_it_has_that(epoch - 1);
+        CHECK(phase() != JobPhase::done);
+        says_that_it_has_that(epoch);
+        CHECK(phase() == JobPhase::done);
+    }
+}
+
 TEST_CASE("tiles of a worker that only another broker distrusts stay in what is done") {
     for (const double verify : {0.0, 1.0}) {
         CAPTURE(verify);
@@ -119,15 +172,16 @@ TEST_CASE("of two ends of a checked job nobody is told that more was checked tha
         REQUIRE(fleet.state(i, picture.job)->checks.unchecked == 0);
     }
     const std::uint64_t before = fleet.state(0, picture.job)->revision.counter;
+    const auto epoch = [&] { return fleet.state(1, picture.job)->epoch; };
     const auto word_of_end = [&](std::size_t teller, std::uint32_t unchecked) {
         const Revision revision{fleet.state(0, picture.job)->revision.counter + 1,
                                 fleet.nodes[teller].id};
         JobRecord word = word_of(picture, revision, JobPhase::done);
         word.done_count = 2;
         word.checks = {2 - unchecked, unchecked};
+        word.epoch = epoch();
         return word;
     };
-    const auto epoch = [&] { return fleet.state(1, picture.job)->epoch; };
     SUBCASE("the one that leads tells again of its own") {
         fleet.say(0, "broker 1", word_of_end(1, 1));
         CHECK(fleet.state(0, picture.job)->revision.counter == before + 2);
@@ -265,6 +319,7 @@ TEST_CASE("a liar's tiles go from what was to end with them, and goes on here af
     fleet.cut(0, 1);
     JobRecord word = word_of(ended, {9, fleet.nodes[0].id}, JobPhase::done);
     word.done_count = 4; // of which the others do not come
+    word.epoch = fleet.state(1, picture.job)->epoch;
     fleet.say(1, "broker 0", word);
     fleet.say(1, "broker 0",
               word_of(found_in, {9, fleet.nodes[0].id}, JobPhase::running,
