@@ -341,8 +341,8 @@ void Follower::take(Instant now, const protocol::RepairDone& done, std::vector<A
     caught_up_ = caught_up_ || all_told;
     if (is_over(done.state.phase) != is_over(state_.phase)) // before the end, or a new beginning
         repair_wanted_ = repair_brought_any_ ? now : now + fruitless_pause; // or by one behind
-    else if (all_told && is_over(done.state.phase) && !has_all_tiles(done.state) &&
-             (has_as_many_as(done.state) || ++odd_answers_ == odd_answers_max))
+    else if (all_told && is_over(state_.phase) && !has_all_tiles(state_) &&
+             (has_as_many_as(state_) || ++odd_answers_ == odd_answers_max))
         complete_ = true; // failed, cancelled, out of time: there is no more
     else if (all_told && is_over(done.state.phase) && !repair_brought_any_ &&
              done.state.distrusted != state_.distrusted && ++odd_answers_ >= odd_answers_max) {

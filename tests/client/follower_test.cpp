@@ -357,6 +357,28 @@ TEST_CASE("an answer to what an earlier follower asked does not end this one") {
     CHECK(f.follower.is_complete());
 }
 
+TEST_CASE("that there was no more of what was cancelled is no end of what is done by now") {
+    Following f;
+    f.now = f.now + 2s;
+    f.step(Tick{});
+    REQUIRE(repair_in(f.actions).has_value());
+    protocol::JobState cancelled = f.job;
+    cancelled.phase = protocol::JobPhase::cancelled;
+    cancelled.revision = {2, {}};
+    f.job.phase = protocol::JobPhase::done; // as another broker had come to it before it heard
+    f.job.revision = {3, {}};
+    f.job.done_count = 4;
+    f.step(FromStream{f.job});
+    f.step(FromBroker{protocol::RepairDone{cancelled, 0}});
+    CHECK_FALSE(f.follower.is_complete());
+    f.now = f.now + 1s;
+    f.step(Tick{});
+    CHECK(repair_in(f.actions).has_value());
+    for (std::uint32_t i = 0; i < 4; ++i)
+        f.step(FromBroker{tile_of(f.job, i)});
+    CHECK(f.follower.is_complete());
+}
+
 TEST_CASE("tiles that a broker has and cannot send are not waited for for ever") {
     Following f;
     f.job.phase = protocol::JobPhase::cancelled;
