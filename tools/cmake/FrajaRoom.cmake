@@ -76,9 +76,10 @@ function(fraja_test_settings target)
     endif()
 endfunction()
 
-# fraja_test(<name> SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROCESSORS n]): a doctest program; each TEST_CASE becomes one ctest test.
+# fraja_test(<name> SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROCESSORS n] [FIRST]): a doctest program; each TEST_CASE becomes one ctest test.
+# FIRST: before the others, as some take long, and a long one that is left at the end has CPUs wait for it.
 function(fraja_test name)
-    cmake_parse_arguments(ARG "" "TIMEOUT;PROCESSORS" "SOURCES;LINKS;LABELS" ${ARGN})
+    cmake_parse_arguments(ARG "FIRST" "TIMEOUT;PROCESSORS" "SOURCES;LINKS;LABELS" ${ARGN})
     set(target ${name}_test)
     if(NOT TARGET fraja_test_main) # doctest itself is compiled once
         add_library(fraja_test_main OBJECT ${PROJECT_SOURCE_DIR}/tests/support/main.cpp)
@@ -94,6 +95,9 @@ function(fraja_test name)
     set(properties TIMEOUT ${ARG_TIMEOUT} SKIP_REGULAR_EXPRESSION "TEST SKIPPED") # as tests/support/network.hpp says it
     if(ARG_PROCESSORS)
         list(APPEND properties PROCESSORS ${ARG_PROCESSORS})
+    endif()
+    if(ARG_FIRST)
+        list(APPEND properties COST 1000)
     endif()
     if(ARG_LABELS)
         list(APPEND properties LABELS ${ARG_LABELS})
