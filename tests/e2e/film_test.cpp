@@ -304,6 +304,8 @@ TEST_CASE("a film outlives its broker, also where a frame is begun without one")
         run({{program("fraja-ctl"), "-b", farm.endpoint(), "cancel", "--yes", first}}, patience);
     REQUIRE(cancelled.has_value());
     REQUIRE(cancelled->exit == 0);
+    // Another answer: what it had said before that is on its way.
+    REQUIRE(run({{program("fraja-ctl"), "-b", farm.endpoint(), "jobs"}}, patience).has_value());
     farm.broker().send(SIGKILL);
     REQUIRE(farm.broker().wait_for_exit(patience).has_value());
     drawn.send(SIGCONT);
