@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -203,6 +204,10 @@ public:
                 if (const auto* message = std::get_if<M>(&m))
                     result.push_back(*message);
         return result;
+    }
+    [[nodiscard]] bool has_logged(std::size_t i, std::string_view kind) const {
+        return std::ranges::any_of(nodes[i].logs,
+                                   [&](const Log& line) { return line.kind == kind; });
     }
     [[nodiscard]] std::size_t published(std::size_t i, const JobId& job) const {
         return static_cast<std::size_t>(std::ranges::count_if(nodes[i].stream, [&](const auto& p) {
