@@ -258,11 +258,11 @@ template <std::size_t... I>
 Result<Message> decode_type(Version written_by, std::uint16_t type, std::span<const Blob> frames,
                             std::index_sequence<I...>) {
     std::optional<Result<Message>> decoded;
-    const bool known =
-        ((std::variant_alternative_t<I, Message>::type == type &&
-          (decoded.emplace(decode_as<std::variant_alternative_t<I, Message>>(written_by, frames)),
-           true)) ||
-         ...);
+    const bool known = ((std::variant_alternative_t<I, MessageVariant>::type == type &&
+                         (decoded.emplace(decode_as<std::variant_alternative_t<I, MessageVariant>>(
+                              written_by, frames)),
+                          true)) ||
+                        ...);
     if (!known)
         return malformed("header", "unknown message type " + std::to_string(type));
     return std::move(*decoded);
@@ -343,7 +343,7 @@ Result<Message> decode(std::span<const Blob> frames) {
             return malformed("message",
                              "a frame of more than " + std::to_string(frame_bytes_max) + " bytes");
     return decode_type(*written_by, little_endian(header.data() + 6), frames,
-                       std::make_index_sequence<std::variant_size_v<Message>>());
+                       std::make_index_sequence<std::variant_size_v<MessageVariant>>());
 }
 
 template <class M>

@@ -933,12 +933,24 @@ struct JobForgotten {
     static constexpr auto fields() { return std::tuple{Field{"job", &JobForgotten::job}}; }
 };
 
-using Message =
+using MessageVariant =
     std::variant<WorkerHello, ClientHello, Welcome, Refused, Beat, WorkerBeat, Goodbye, Dismissed,
                  Brokers, NeedChunk, Chunk, SubmitJob, JobState, FindJob, ControlJob, Repair,
                  RepairDone, ControlWorker, RenderTile, TileRendered, TileFailed, CancelTile,
                  TileDone, Barrier, FarmState, BrokerHello, BrokerBeat, CompareJobs, JobDigests,
                  WantJob, JobRecord, JobKept, JobForgotten>;
+
+/// A class of its own, so that what copies, moves and destroys any of them is compiled once.
+struct Message : MessageVariant {
+    using MessageVariant::MessageVariant;
+    using MessageVariant::operator=;
+    Message();
+    Message(const Message&);
+    Message(Message&&) noexcept;
+    Message& operator=(const Message&);
+    Message& operator=(Message&&) noexcept;
+    ~Message();
+};
 
 template <class M>
 concept CarriesBlobs = requires(M m) {

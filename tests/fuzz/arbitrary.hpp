@@ -172,7 +172,7 @@ template <class M>
 /// A message of any type.
 [[nodiscard]] inline protocol::Message any_message(Input& in) {
     protocol::Message message;
-    std::size_t at = in.below(std::variant_size_v<protocol::Message>);
+    std::size_t at = in.below(std::variant_size_v<protocol::MessageVariant>);
     for_each_message_type([&]<class M>(std::type_identity<M>) {
         if (at-- == 0)
             message = message_of<M>(in);

@@ -91,7 +91,7 @@ void decode_body(Input& in) {
     std::uint16_t type = 0;
     const std::uint8_t choice = in.byte();
     const bool at_version_before = choice >= 128;
-    std::size_t at = choice % std::variant_size_v<protocol::Message>;
+    std::size_t at = choice % std::variant_size_v<protocol::MessageVariant>;
     for_each_message_type([&]<class M>(std::type_identity<M>) {
         if (at-- == 0)
             type = M::type;

@@ -66,17 +66,17 @@ M random_message_of(Rng& rng) {
 /// Calls `visit(type_identity<M>)` for every message type.
 template <class Visit, std::size_t... I>
 void for_each_message_type(Visit visit, std::index_sequence<I...>) {
-    (visit(std::type_identity<std::variant_alternative_t<I, protocol::Message>>{}), ...);
+    (visit(std::type_identity<std::variant_alternative_t<I, protocol::MessageVariant>>{}), ...);
 }
 template <class Visit>
 void for_each_message_type(Visit visit) {
-    for_each_message_type(visit,
-                          std::make_index_sequence<std::variant_size_v<protocol::Message>>());
+    for_each_message_type(
+        visit, std::make_index_sequence<std::variant_size_v<protocol::MessageVariant>>());
 }
 
 inline protocol::Message random_message(Rng& rng) {
     protocol::Message message;
-    std::size_t at = rng.below(std::variant_size_v<protocol::Message>);
+    std::size_t at = rng.below(std::variant_size_v<protocol::MessageVariant>);
     for_each_message_type([&]<class M>(std::type_identity<M>) {
         if (at-- == 0)
             message = random_message_of<M>(rng);
