@@ -19,7 +19,8 @@ Dispatcher::Dispatcher(Identity identity, Limits limits)
            .told_margin = from_seconds(limits.peer_patience_beats / 2 * seconds(limits.heartbeat)),
            .workers_patience = limits.workers_patience_beats * limits.heartbeat,
            .workers_settling = 2 * limits.heartbeat,
-           .counter_min = identity_.epoch},
+           .counter_min = identity_.epoch,
+           .rumours_apart = limits.rumour_beats * limits.heartbeat},
           identity_.peers.empty(), identity_.started_at),
       fetch_times_(limits.fetch_times_max), blobs_(limits.blob_bytes_max),
       now_(identity_.started_at) {}

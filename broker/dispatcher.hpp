@@ -133,6 +133,8 @@ private:
         /// What others have given it, since it was greeted or this broker leads.
         bool has_told = false;
         std::optional<Instant> tells_by; ///< it gets nothing before that, or before it has told
+        BrokerId told_leader;            ///< as its beats say
+        Instant leader_heard_at{};       ///< by it
         Holder holder;                   ///< of the key it came with
         WorkerId drawer;                 ///< drawer_of
         std::string voter;               ///< voter_of
@@ -170,6 +172,7 @@ private:
     struct Line { ///< that was dialled
         bool is_configured = false;
         std::optional<BrokerId> broker;  ///< who is there, as far as is known
+        std::optional<BrokerId> last;    ///< who has said hello there last
         std::optional<BrokerId> told_of; ///< who should be, as others told last
         Instant hello_at{};              ///< the last one
         Instant told_at{};               ///< when another broker last told of it
@@ -177,13 +180,18 @@ private:
         bool was_answered = false; ///< by any broker
         bool is_missed = false;    ///< nobody ever has for long, and that was said
     };
+    struct AskedRepair {
+        Instant at{};
+        std::uint64_t cells = 0; ///< a hash of what was here
+    };
     struct Colleague {
         std::optional<PeerId> peer;           ///< by which it has come here
         bool was_here = false;                ///< and that was said
+        bool is_replaced = false;             ///< where it was found another one has answered
         bool is_compared = false;             ///< it had nothing that was not here, once
         std::optional<std::uint64_t> same_as; ///< digest of what it has and is here as well
         Instant compare_at{};                 ///< not before
-        std::map<JobId, Instant> repairs;     ///< asked for, and not answered
+        std::map<JobId, AskedRepair> repairs; ///< and not answered
         std::set<JobId> repaired;             ///< answered in full
     };
     [[nodiscard]] bool is_alone() const {
@@ -192,9 +200,12 @@ private:
     [[nodiscard]] protocol::Term term() const { return membership_.term(); }
     [[nodiscard]] std::string described_revisions(const Job& job) const;
     void on(const BrokerSaid& event);
-    [[nodiscard]] bool has_room_for(const BrokerId& broker) const;
+    [[nodiscard]] bool make_room_for(const BrokerId& broker);
     void meet_broker(const PeerId& peer, protocol::Version spoken,
                      const protocol::BrokerHello& hello);
+    void note_replaced(const BrokerId& broker);
+    [[nodiscard]] std::uint64_t rumour_counter_max() const;
+    void hear_workers_of_leader();
     void note_no_company(const std::string& endpoint, const std::string& why);
     void dial(const std::string& endpoint, bool is_configured);
     void consider_dialling(const protocol::Member& member);
@@ -217,6 +228,7 @@ private:
     void forget_predecessors(const protocol::BrokerHello& hello);
     [[nodiscard]] std::vector<protocol::Member> members() const;
     [[nodiscard]] std::string endpoint_of(const BrokerId& broker) const;
+    [[nodiscard]] std::string named(const BrokerId& broker) const;
     [[nodiscard]] std::vector<protocol::PeerState> peer_states() const;
     void tell_of_brokers();
 
@@ -466,8 +478,10 @@ private:
                             const protocol::TileRendered& answer);
     void accept(Job& job, WorkerSession& worker, const Grant& grant,
                 const protocol::TileRendered& answer);
+    /// Whether somebody who is believed has given the worker the tile: as far as is known here.
+    enum class Giver : std::uint8_t { known, unknown };
     void take_result(Job& job, OpenTileId id, const Tile& tile, double work,
-                     std::shared_ptr<const protocol::TileDone> result);
+                     std::shared_ptr<const protocol::TileDone> result, Giver giver);
     void take_probe(Job& job, const protocol::TileRendered& answer, std::uint32_t side);
     void take_back_probe(Job& job, bool counts, const std::string& why);
     bool count_failure(Job& job, const Grant& grant, const WorkerSession& worker,
@@ -485,7 +499,7 @@ private:
 
     // trust.cpp: tiles that are drawn twice, and workers whose pixels are wrong
     [[nodiscard]] bool is_to_be_checked(const Job& job, const Tile& tile) const;
-    void want_check(Job& job, const Tile& tile, const protocol::TileDone& result);
+    void want_check(Job& job, const Tile& tile, const protocol::TileDone& result, Giver giver);
     [[nodiscard]] Checks::HasOthers others_for(const Job& job) const;
     bool grant_check(const PeerId& peer, WorkerSession& worker, Job& job);
     void check_rendered(Job& job, WorkerSession& worker, const Grant& grant, AttemptNumber attempt,

@@ -85,6 +85,10 @@ struct Limits {
     /// Heartbeats: so long it counts that somebody else has heard the leader. Workers hear it once
     /// in one, and say so once in one.
     double told_patience_beats = 3.25;
+    std::uint32_t rumour_beats = 10; ///< heartbeats: so seldom a worker's word of a term counts
+    /// So far ahead of the clock the counter of a term may be that a worker tells of: they begin
+    /// with the time in microseconds, by clocks that may be wrong.
+    Duration rumour_ahead_max = std::chrono::days(366);
     std::uint32_t workers_patience_beats = 5; ///< who has had no workers for so long has none
     /// So long a broker that begins to lead waits for workers to say what they have in hand.
     double gathering_beats = 0.5;

@@ -72,6 +72,19 @@ void Membership::learn(const protocol::Term& term) {
     term_ = term;
 }
 
+/// Whoever is heard here tells of its terms itself. Workers are believed of others alone, of whom
+/// nobody else may tell, and seldom: or one could keep all from leading.
+void Membership::learn_of_worker(Instant now, const protocol::Term& term,
+                                 std::uint64_t counter_max) {
+    const auto leader = peers_.find(term.leader);
+    const bool is_heard = leader != peers_.end() && is_here(leader->second, now);
+    if (term <= term_ || term.counter > counter_max || term.leader == own_.broker || is_heard ||
+        now < rumours_from_)
+        return;
+    rumours_from_ = now + terms_.rumours_apart;
+    learn(term);
+}
+
 void Membership::hear_of_leader(Instant now, const protocol::Term& term, Duration silence) {
     if (term.leader != term_.leader || silence < Duration{} || silence > terms_.told_patience)
         return;

@@ -37,6 +37,7 @@ public:
         Duration workers_patience{};
         Duration workers_settling{};   ///< so long that must make a difference
         std::uint64_t counter_min = 0; ///< of a term that begins here: those before were lower
+        Duration rumours_apart{};      ///< so seldom workers are believed of terms
     };
     struct Peer {
         Rank rank;
@@ -61,6 +62,8 @@ public:
     void hear(Instant now, const protocol::BrokerBeat& beat);
     /// A term that somebody has heard of.
     void learn(const protocol::Term& term);
+    /// A worker says so, which may be wrong, or lie. Counters above `counter_max` are rubbish.
+    void learn_of_worker(Instant now, const protocol::Term& term, std::uint64_t counter_max);
     /// Somebody else has heard of that term, and its leader say that it leads so long ago.
     void hear_of_leader(Instant now, const protocol::Term& term, Duration silence);
     /// Whether workers are here.
@@ -115,8 +118,9 @@ private:
     bool alone_; ///< it began as a broker that was told of no others
     Instant looks_until_;
     bool is_synced_, leads_ = false;
-    protocol::Term term_;  ///< the greatest
-    Instant leads_from_{}; ///< not before, after somebody else has begun a term
+    protocol::Term term_;    ///< the greatest
+    Instant leads_from_{};   ///< not before, after somebody else has begun a term
+    Instant rumours_from_{}; ///< not before workers are believed again
     std::map<BrokerId, Peer> peers_;
     std::optional<Instant> leader_heard_at_; ///< the term's, by anybody else
     bool has_workers_ = false;               ///< as its beats say

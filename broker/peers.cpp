@@ -7,6 +7,7 @@
 #include "common/protocol/limits.hpp"
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 namespace fraja::broker {
@@ -115,8 +116,17 @@ void Dispatcher::tell_all(const Message& message) {
 
 // --------------------------------------------------------------------------------- who says what
 
-bool Dispatcher::has_room_for(const BrokerId& broker) const {
-    return membership_.knows(broker) || membership_.peers().size() + 1 < brokers_max;
+/// Those that are gone, the one first that has been so for longest, give way to one that is here.
+bool Dispatcher::make_room_for(const BrokerId& broker) {
+    const auto& peers = membership_.peers();
+    if (membership_.knows(broker) || peers.size() + 1 < brokers_max)
+        return true;
+    const auto longest = std::ranges::min_element(
+        peers, {}, [](const auto& entry) { return entry.second.heard_at; });
+    if (membership_.is_here(longest->first, now_))
+        return false;
+    forget_broker(BrokerId(longest->first));
+    return true;
 }
 
 /// Somebody has dialled this broker, perhaps itself: it hears so by the answer.
@@ -134,7 +144,7 @@ void Dispatcher::meet_broker(const PeerId& peer, Version spoken, const BrokerHel
     end_client(peer, Departure::replaced);
     if (hello.broker != identity_.broker) {
         forget_predecessors(hello);
-        if (!has_room_for(hello.broker))
+        if (!make_room_for(hello.broker))
             return turn_away(peer, RefusalCode::limit_exceeded,
                              "at most " + std::to_string(brokers_max) +
                                  " brokers stand for each other");
@@ -189,18 +199,30 @@ void Dispatcher::on(const BrokerSaid& event) {
             return;
         }
         forget_predecessors(*hello);
-        if (!has_room_for(hello->broker))
+        if (!make_room_for(hello->broker))
             return;
         line.was_answered = true;
-        const auto before = std::exchange(line.broker, hello->broker);
+        line.broker = hello->broker;
+        const auto before = std::exchange(line.last, hello->broker);
         membership_.meet(now_, *hello);
         colleagues_.try_emplace(hello->broker);
-        if (before && before != hello->broker && !route_to(*before))
-            forget_broker(BrokerId(*before));
+        if (before && before != hello->broker)
+            note_replaced(*before);
         return;
     }
     if (line.broker && membership_.knows(*line.broker))
         from_broker(BrokerId(*line.broker), {true, event.endpoint}, event.message);
+}
+
+/// Where one was found another one answers now: it was started anew, and says no place of its own
+/// by which forget_predecessors would know. Or more than one can be found there, and it is still
+/// here.
+void Dispatcher::note_replaced(const BrokerId& broker) {
+    const auto found = colleagues_.find(broker);
+    if (found != colleagues_.end() && route_to(broker) && membership_.is_here(broker, now_))
+        found->second.is_replaced = true;
+    else
+        forget_broker(BrokerId(broker));
 }
 
 void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const Message& message) {
@@ -252,6 +274,37 @@ void Dispatcher::from_broker(const BrokerId& broker, const Route& route, const M
 
 // -------------------------------------------------------------------------------- all the time
 
+std::uint64_t Dispatcher::rumour_counter_max() const {
+    const Duration since_1970 = identity_.unix_offset + (now_ - Instant{});
+    const Duration latest = since_1970 + limits_.rumour_ahead_max;
+    return static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::microseconds>(latest).count());
+}
+
+/// One that is not heard here may be heard by workers. What half of those say counts that know that
+/// leader: one that lies cannot keep a dead one's place, nor one that is cut off end its lead.
+void Dispatcher::hear_workers_of_leader() {
+    const BrokerId& leader = term().leader;
+    const auto peer = membership_.peers().find(leader);
+    if (leader == identity_.broker ||
+        (peer != membership_.peers().end() && now_ - peer->second.heard_at <= limits_.heartbeat))
+        return;
+    std::map<std::string_view, Instant> heard; // a voter's latest
+    for (const auto& [id, worker] : workers_)
+        if (worker.told_leader == leader && worker.distrusted.empty()) {
+            Instant& at = heard[worker.voter];
+            at = std::max(at, worker.leader_heard_at);
+        }
+    if (heard.empty())
+        return;
+    std::vector<Instant> times;
+    for (const auto& [voter, at] : heard)
+        times.push_back(at);
+    const auto middle = times.begin() + static_cast<std::ptrdiff_t>((times.size() - 1) / 2);
+    std::ranges::nth_element(times, middle, std::greater<>());
+    membership_.hear_of_leader(now_, term(), now_ - *middle);
+}
+
 void Dispatcher::keep_company() {
     for (const std::string& endpoint : identity_.peers)
         if (!lines_.contains(endpoint) && !own_endpoints_.contains(endpoint))
@@ -262,6 +315,7 @@ void Dispatcher::keep_company() {
             now_ - line.hello_at >= 2 * beat)
             say_hello(endpoint, line);
     membership_.note_workers(now_, !workers_.empty());
+    hear_workers_of_leader();
     const BrokerBeat beat_now = own_beat();
     const std::uint64_t own_digest = beat_now.digest;
     for (const auto& [id, colleague] : colleagues_)
@@ -271,7 +325,7 @@ void Dispatcher::keep_company() {
     for (const BrokerId& id : membership_.here(now_)) {
         Colleague& colleague = colleagues_[id];
         std::erase_if(colleague.repairs, [&](const auto& asked) {
-            return now_ - asked.second > 2 * limits_.heartbeat;
+            return now_ - asked.second.at > 2 * limits_.heartbeat;
         });
         if (membership_.peers().at(id).digest == own_digest) {
             colleague.is_compared = true;
@@ -320,7 +374,7 @@ void Dispatcher::note_who_is_here() {
         log({.level = is_here ? LogLevel::info : LogLevel::warning,
              .kind = is_here ? "broker_here" : "broker_gone",
              .subject = to_string(id),
-             .text = "broker " + endpoint_of(id) + (is_here ? " is here" : " is gone") + ": " +
+             .text = "broker " + named(id) + (is_here ? " is here" : " is gone") + ": " +
                      counted(here, "other broker") + " of " + std::to_string(colleagues_.size()) +
                      (here == 0 ? "; what is submitted now is kept by this one alone" : "")});
         if (!is_here) {
@@ -344,8 +398,8 @@ void Dispatcher::note_who_leads() {
         log({.level = LogLevel::info,
              .kind = "led_by",
              .subject = to_string(leader),
-             .text = "broker " + endpoint_of(leader) + " leads (term " +
-                     std::to_string(term().counter) + ")"});
+             .text = "broker " + named(leader) + " leads (term " + std::to_string(term().counter) +
+                     ")"});
 }
 
 /// A name may be wrong.
@@ -365,9 +419,13 @@ void Dispatcher::note_who_never_was() {
 
 void Dispatcher::forget_brokers_that_are_gone() {
     std::vector<BrokerId> gone;
-    for (const auto& [id, peer] : membership_.peers())
-        if (now_ - peer.heard_at > limits_.absence_max)
+    for (const auto& [id, peer] : membership_.peers()) {
+        const auto colleague = colleagues_.find(id);
+        const bool is_replaced = colleague != colleagues_.end() && colleague->second.is_replaced;
+        if (now_ - peer.heard_at > limits_.absence_max ||
+            (is_replaced && !membership_.is_here(id, now_)))
             gone.push_back(id);
+    }
     for (const BrokerId& id : gone)
         forget_broker(id);
     // Who has forgotten it a moment later has told of it once more.
@@ -405,12 +463,21 @@ void Dispatcher::forget_predecessors(const BrokerHello& hello) {
     std::vector<BrokerId> earlier;
     for (const auto& [id, peer] : membership_.peers())
         if (id != hello.broker && !hello.endpoint.empty() && peer.endpoint == hello.endpoint &&
+            peer.rank.started_at > hello.started_at && membership_.is_here(id, now_) &&
+            refusals_told_.is_new(now_, "place " + hello.endpoint))
+            log({.level = LogLevel::warning,
+                 .kind = "one_place_twice",
+                 .subject = hello.endpoint,
+                 .text = "two brokers say to be at " + hello.endpoint +
+                         ", and are not told apart: each needs an --advertise of its own"});
+    for (const auto& [id, peer] : membership_.peers())
+        if (id != hello.broker && !hello.endpoint.empty() && peer.endpoint == hello.endpoint &&
             peer.rank.started_at <= hello.started_at)
             earlier.push_back(id);
     for (const BrokerId& id : earlier) {
         for (auto& [endpoint, line] : lines_) // where it is, is known
             if (line.broker == id)
-                line.broker = hello.broker;
+                line.broker = line.last = hello.broker;
         forget_broker(id);
     }
 }
@@ -426,6 +493,12 @@ std::string Dispatcher::endpoint_of(const BrokerId& broker) const {
         if (line.broker == broker)
             return endpoint;
     return {};
+}
+
+/// For people. Of one that was not dialled nobody may know where it is.
+std::string Dispatcher::named(const BrokerId& broker) const {
+    const std::string endpoint = endpoint_of(broker);
+    return endpoint.empty() ? to_string(broker) : endpoint;
 }
 
 std::vector<Member> Dispatcher::members() const {

@@ -121,19 +121,25 @@ void Dispatcher::compare(const BrokerId& broker, const JobDigests& theirs) {
 }
 
 void Dispatcher::ask_for_cells(const BrokerId& broker, const Job& job) {
-    if (colleagues_[broker].repairs.try_emplace(job.id(), now_).second)
+    if (colleagues_[broker]
+            .repairs.try_emplace(job.id(), AskedRepair{now_, job.done_hash()})
+            .second)
         tell(broker, Repair{job.id(), limits_.repair_tiles_max, job.done().bytes()});
 }
 
 void Dispatcher::repair_done(const BrokerId& broker, const RepairDone& done) {
     Colleague& colleague = colleagues_[broker];
-    if (colleague.repairs.erase(done.state.job) == 0)
+    const auto asked = colleague.repairs.find(done.state.job);
+    if (asked == colleague.repairs.end())
         return;
     const Job* job = job_of(done.state.job);
-    if (job && done.remaining_count > 0)
+    const bool has_brought_any = job && job->done_hash() != asked->second.cells;
+    colleague.repairs.erase(asked);
+    if (has_brought_any && done.remaining_count > 0)
         return ask_for_cells(broker, *job);
     colleague.repaired.insert(done.state.job);
-    colleague.compare_at = std::min(colleague.compare_at, now_); // perhaps that was all
+    if (has_brought_any)
+        colleague.compare_at = std::min(colleague.compare_at, now_); // perhaps that was all
 }
 
 /// A finished tile, as another broker has it.
@@ -149,7 +155,7 @@ void Dispatcher::take_tile(const BrokerId& broker, const TileDone& done) {
     TileDone own = done;
     own.elapsed = std::max(own.elapsed, Duration{});
     take_result(*job, OpenTileId::none, *tile, static_cast<double>(done.rays.total()),
-                std::make_shared<TileDone>(std::move(own)));
+                std::make_shared<TileDone>(std::move(own)), Giver::known);
 }
 
 // -------------------------------------------------------------------------------------- jobs

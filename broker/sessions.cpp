@@ -237,8 +237,11 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         set_credit(peer, worker, credit);
 
     if (!is_alone()) {
-        membership_.learn(beat.term);
-        membership_.hear_of_leader(now_, beat.term, beat.leader_silence);
+        membership_.learn_of_worker(now_, beat.term, rumour_counter_max());
+        const bool has_heard =
+            beat.leader_silence >= Duration{} && beat.leader_silence <= now_ - Instant{};
+        worker.told_leader = beat.term.leader;
+        worker.leader_heard_at = has_heard ? now_ - beat.leader_silence : Instant{};
         note_in_hand(peer, worker, beat);
     }
     std::set<GrantKey> listed;

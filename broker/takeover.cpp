@@ -231,7 +231,8 @@ void Dispatcher::take_witnessed(WorkerSession& worker, const TileRendered& answe
                                                     .rays = answer.rays,
                                                     .elapsed = rendered.elapsed,
                                                     .worker = worker.drawer,
-                                                    .blobs = answer.blobs}));
+                                                    .blobs = answer.blobs}),
+                Giver::unknown);
 }
 
 } // namespace fraja::broker

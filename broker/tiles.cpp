@@ -232,15 +232,16 @@ void Dispatcher::accept(Job& job, WorkerSession& worker, const Grant& grant,
                                                       .elapsed = elapsed,
                                                       .worker = worker.drawer,
                                                       .blobs = answer.blobs});
-    take_result(job, grant.id, grant.tile, work, std::move(result));
+    take_result(job, grant.id, grant.tile, work, std::move(result),
+                grant.adopted ? Giver::unknown : Giver::known);
 }
 
 /// Wherever it was handed out.
 void Dispatcher::take_result(Job& job, OpenTileId id, const Tile& tile, double work,
-                             std::shared_ptr<const TileDone> result) {
+                             std::shared_ptr<const TileDone> result, Giver giver) {
     cancel_unwanted(job, job.finish(id, tile, work, result, now_));
     keep_newest_result(job);
-    want_check(job, tile, *result);
+    want_check(job, tile, *result, giver);
     if (subscribed_jobs_.contains(job.id()))
         actions_->push_back(Publish{job_topic(job.id()), as_sent_now(job, *result)});
     look_ready(job);

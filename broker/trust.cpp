@@ -50,8 +50,11 @@ bool Dispatcher::is_to_be_checked(const Job& job, const Tile& tile) const {
     return rng.unit() < share;
 }
 
-void Dispatcher::want_check(Job& job, const Tile& tile, const TileDone& result) {
-    if (is_to_be_checked(job, tile))
+/// What nobody here has given a worker may be whatever it likes, of any size: it is checked, also
+/// where a share of the tiles is.
+void Dispatcher::want_check(Job& job, const Tile& tile, const TileDone& result, Giver giver) {
+    const bool is_unasked = giver == Giver::unknown && job.is_checked() && !is_order(job);
+    if (is_unasked || is_to_be_checked(job, tile))
         job.want_check(tile, {result.worker, result.worker_name, pixels_hash(result.blobs)});
 }
 

@@ -224,6 +224,7 @@ public:
         std::vector<Publish> stream;
         std::vector<Log> logs;
         std::vector<Write> kept;
+        std::size_t repairs = 0; ///< that it has asked other brokers for
     };
     Limits limits;
     std::map<std::size_t, std::string> advertised; ///< by brokers that are not told where they are
@@ -255,6 +256,7 @@ private:
         } else if (auto* words = std::get_if<Tell>(&action)) {
             (void)protocol::encode(words->message);
             CHECK(nodes[from].dialled.contains(words->endpoint));
+            nodes[from].repairs += std::holds_alternative<protocol::Repair>(words->message);
             const auto to = index_of(words->endpoint);
             if (to && reaches(from, *to))
                 queue_.emplace_back(*to, PeerSaid{broker_peer(from), std::move(words->message)});

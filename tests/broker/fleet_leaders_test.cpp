@@ -219,6 +219,93 @@ TEST_CASE("whoever says to be another broker each time takes nobody's place") {
     CHECK(dispatcher.membership().peers().size() < brokers_max);
 }
 
+TEST_CASE("brokers that do not say where they are leave nothing behind when they start anew") {
+    Fleet fleet(2);
+    fleet.advertised = {{0, ""}, {1, ""}}; // as when bound to all addresses
+    fleet.kill(0);
+    fleet.start(0);
+    fleet.pass(4s);
+    for (int i = 0; i < 20; ++i) {
+        fleet.kill(1);
+        fleet.start(1);
+        fleet.pass(3s);
+        CHECK(fleet.at(0).membership().peers().size() == 1);
+        CHECK(fleet.at(1).membership().peers().size() == 1);
+        CHECK(fleet.leaders() == std::vector<std::size_t>{0});
+    }
+    for (std::size_t i = 0; i < 2; ++i)
+        for (const Log& line : fleet.nodes[i].logs)
+            CHECK(line.text.find("broker  ") == std::string::npos);
+}
+
+TEST_CASE("limits: brokers_max: those that are gone give way, and the farm goes on") {
+    Fleet fleet(2);
+    fleet.advertised = {{1, ""}}; // and broker 0 has nothing to dial
+    for (std::size_t i = 0; i < 2 * brokers_max; ++i) {
+        fleet.kill(1);
+        fleet.start(1);
+        fleet.pass(3s);
+        REQUIRE(fleet.at(0).membership().peers().size() < brokers_max);
+        REQUIRE(fleet.leaders() == std::vector<std::size_t>{0});
+        REQUIRE(fleet.at(1).membership().is_synced());
+    }
+}
+
+TEST_CASE("that two brokers say to be at one place is said") {
+    Fleet fleet(3);
+    for (std::size_t i = 0; i < 3; ++i)
+        fleet.advertised[i] = "tcp://farm:50057";
+    for (std::size_t i = 0; i < 3; ++i) {
+        fleet.kill(i);
+        fleet.start(i);
+    }
+    fleet.pass(5s);
+    bool is_said = false;
+    for (std::size_t i = 0; i < 3; ++i)
+        is_said = is_said || fleet.has_logged(i, "one_place_twice");
+    CHECK(is_said);
+}
+
+TEST_CASE("one worker that lies about the leader holds up no takeover") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    fleet.worker_arrives("v", 2, 1);
+    fleet.say(1, "liar",
+              WorkerHello{.worker = id_of<WorkerId>(3),
+                          .incarnation = 1,
+                          .worker_name = "liar",
+                          .threads = 1,
+                          .credit = 1,
+                          .speed_rays_per_s = 0,
+                          .memory_bytes = 0,
+                          .tags = {},
+                          .program_version = "test"});
+    const Term term = fleet.at(1).membership().term();
+    const BrokerId dead = fleet.nodes[0].id;
+    WorkerBeat beat{.credit = 1, .in_flight = {}, .tiles_received = 0, .term = term};
+    std::uint64_t step = 0;
+    SUBCASE("who says to hear it") {
+        beat.leader_silence = 0s;
+    }
+    SUBCASE("who tells of ever newer terms") {
+        beat.term.leader = dead;
+        step = 70'000;
+    }
+    SUBCASE("who tells of a last one") {
+        beat.term = {UINT64_MAX / 2 - 1, dead};
+    }
+    REQUIRE(fleet.leaders() == std::vector<std::size_t>{0});
+    fleet.kill(0);
+    for (int i = 0; i < 40; ++i) {
+        fleet.pass(100ms);
+        beat.term.counter += step;
+        fleet.say(1, "liar", beat);
+    }
+    CHECK(fleet.leaders() == std::vector<std::size_t>{1});
+    CHECK(fleet.at(1).membership().term().counter < UINT64_MAX / 4);
+}
+
 TEST_CASE("a broker that serves another one has no company") {
     Dispatcher dispatcher(
         Dispatcher::Identity{

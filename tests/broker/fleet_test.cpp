@@ -344,6 +344,40 @@ TEST_CASE("a scene that only a broker had that is gone is not waited for for eve
     CHECK(fleet.state(1, picture.job)->phase == JobPhase::queued);
 }
 
+TEST_CASE("what an answer brought nothing of is not asked for again at once") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("w", 1, 1);
+    const SubmitJob picture = Farm::picture(1, 3);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(1s);
+    const RenderTile given = fleet.workers.at("w").has.front();
+    fleet.cut(0, 1);
+    const JobState state = *fleet.state(1, picture.job);
+    const std::size_t before = fleet.nodes[1].repairs;
+    const auto asked = [&] { return fleet.nodes[1].repairs - before; };
+    fleet.say(1, "broker 0", JobDigests{{{picture.job, state.revision, 1}}, state.epoch});
+    REQUIRE(asked() == 1);
+    const auto say_that_more_is_left = [&] { fleet.say(1, "broker 0", RepairDone{state, 2}); };
+    SUBCASE("as it was told twice, or can take none of it") {
+        for (int i = 0; i < 9; ++i)
+            say_that_more_is_left();
+        CHECK(asked() == 1);
+    }
+    SUBCASE("but when it brought some") {
+        fleet.say(1, "broker 0",
+                  TileDone{.job = picture.job,
+                           .tile = given.tile,
+                           .rect = given.rect,
+                           .worker_name = "w",
+                           .rays = {},
+                           .worker = id_of<WorkerId>(1),
+                           .blobs = Farm::answer(given).blobs});
+        say_that_more_is_left();
+        CHECK(asked() == 2);
+    }
+}
+
 TEST_CASE("tiles that only a broker had that is gone are not waited for for ever") {
     Limits limits;
     limits.copy_lag = 1h; // its tiles are still on their way when it dies

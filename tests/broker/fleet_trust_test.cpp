@@ -86,6 +86,39 @@ TEST_CASE("what a leader said in a term of before does not count for a checked j
     }
 }
 
+TEST_CASE("what nobody has given a worker is checked, however few tiles are") {
+    Fleet fleet(2);
+    fleet.pass(4s);
+    fleet.worker_arrives("liar", 1, 1);
+    fleet.worker_arrives("v", 2, 1);
+    fleet.worker_arrives("u", 3, 1);
+    const SubmitJob picture = Farm::checked(1, 4, 1e-9);
+    (void)fleet.submit(0, "c", picture);
+    fleet.pass(100ms);
+    REQUIRE(fleet.workers.at("liar").has.size() == 1);
+    const RenderTile given = fleet.workers.at("liar").has.front();
+    for (std::uint32_t i = 0; i < 4; ++i) {
+        TileRendered forged = Farm::answer(given);
+        forged.tile = TileIndex{i};
+        forged.attempt = static_cast<AttemptNumber>(77'000'000 + i);
+        forged.rect = {10 * i, 0, 10, 10};
+        Bytes pixels(byte_count(forged.blobs));
+        pixels.back() = std::byte{1};
+        forged.blobs = {Blob(std::move(pixels))};
+        fleet.say(0, "liar", forged);
+    }
+    CHECK(fleet.state(0, picture.job)->done_count == 4);
+    CHECK(fleet.state(0, picture.job)->phase != JobPhase::done);
+    for (int i = 0; i < 20; ++i) {
+        fleet.pass(100ms);
+        fleet.render_one("v");
+        fleet.render_one("u");
+    }
+    REQUIRE(fleet.state(0, picture.job)->phase == JobPhase::done);
+    REQUIRE(fleet.state(0, picture.job)->distrusted.size() == 1);
+    CHECK(fleet.state(0, picture.job)->distrusted.front().worker == id_of<WorkerId>(1));
+}
+
 TEST_CASE("tiles of a worker that only another broker distrusts stay in what is done") {
     for (const double verify : {0.0, 1.0}) {
         CAPTURE(verify);

@@ -20,7 +20,8 @@ constexpr Membership::Terms terms{.patience = 1300ms,
                                   .told_margin = 650ms,
                                   .workers_patience = 5s,
                                   .workers_settling = 2s,
-                                  .counter_min = 100};
+                                  .counter_min = 100,
+                                  .rumours_apart = 10s};
 
 /// Named by when it started.
 BrokerId broker_of(std::uint8_t number) {
@@ -141,6 +142,31 @@ TEST_CASE("whoever hears of a greater term leads no more, and begins another one
     CHECK(one.membership.term().leader == broker_of(1));
     one.membership.learn({UINT64_MAX, broker_of(9)}); // nothing is above that: it is rubbish
     CHECK(one.after(0s) == Change::none);
+}
+
+TEST_CASE("limits: rumour_beats: a worker is believed of terms seldom, and of who is not heard") {
+    One one(1);
+    REQUIRE(one.after(2600ms) == Change::begins_to_lead);
+    const protocol::Term own = one.membership.term();
+    const auto hear_of = [&](std::uint64_t counter, const BrokerId& leader) {
+        one.membership.learn_of_worker(one.now, {counter, leader}, 1u << 30);
+        return one.membership.term();
+    };
+    one.meet(2);
+    CHECK(hear_of(own.counter + 600, broker_of(2)) == own); // who would say so itself
+    CHECK(hear_of(own.counter + 600, broker_of(1)) == own); // as this one knows best
+    CHECK(hear_of((1u << 30) + 1, broker_of(9)) == own);    // rubbish
+    const protocol::Term theirs{own.counter + 600, broker_of(9)};
+    CHECK(hear_of(theirs.counter, theirs.leader) == theirs);
+    CHECK(one.after(0s) == Change::leads_no_more);
+    one.after(9s);
+    CHECK(hear_of(theirs.counter + 600'000, broker_of(8)) == one.membership.term());
+    CHECK(one.membership.term().leader != broker_of(8));
+    one.after(1s);
+    one.meet(2);
+    CHECK(hear_of(theirs.counter + 600'000, broker_of(2)).leader != broker_of(2));
+    one.after(9s); // and is not heard any more
+    CHECK(hear_of(theirs.counter + 600'000, broker_of(2)).leader == broker_of(2));
 }
 
 TEST_CASE("of two terms with one counter one is greater, so that two leaders do not last") {
