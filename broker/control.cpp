@@ -282,6 +282,8 @@ void Dispatcher::undrain(WorkerSession& worker) {
     worker.drained = false;
     worker.quarantined_until.reset();
     worker.failures.clear();
+    if (!worker.distrusted.empty())
+        pardon(worker.drawer);
     worker.distrusted.clear();
 }
 

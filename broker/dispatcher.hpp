@@ -375,7 +375,7 @@ private:
     [[nodiscard]] std::optional<protocol::Refused> retry(Job& job);
     void control_worker(const PeerId& peer, const protocol::ControlWorker& control);
     [[nodiscard]] bool is_one(const PeerId& peer, std::size_t found, const std::string& what);
-    static void undrain(WorkerSession& worker);
+    void undrain(WorkerSession& worker);
     void undrain_absent(const PeerId& peer, const std::string& what);
     void count_machine_failure(const PeerId& peer, WorkerSession& worker);
     void give_no_more(const PeerId& peer, WorkerSession& worker, const std::string& why);
@@ -525,6 +525,7 @@ private:
     void note_done_at_leader(Job& job);
     void tell_doubt(const Job& job, const protocol::Distrusted& who);
     void give_no_more(const protocol::Distrusted& who);
+    void pardon(const WorkerId& drawer);
     void recall_distrust(WorkerSession& worker) const;
 
     // keeping.cpp: what is kept
@@ -600,6 +601,8 @@ private:
     std::map<BrokerId, Colleague> colleagues_;
     std::map<PeerId, BrokerId> brokers_by_peer_;
     protocol::Term heeded_term_;
+    std::map<WorkerId, std::string> liars_;      ///< by drawer_of, with the reason
+    std::set<WorkerId> pardoned_;                ///< likewise: what jobs say of them is forgiven
     std::vector<protocol::Member> told_members_; ///< the last that were told
     BrokerId told_leader_;                       ///< likewise, in the log
     Instant next_company_{};

@@ -16,7 +16,10 @@ inline constexpr std::uint32_t branch_threads = 8;
 struct Limits {
     std::size_t workers_max = 20'000;
     std::size_t clients_max = 5'000;
-    std::size_t jobs_max = 1'000;          ///< not yet over
+    std::size_t jobs_max = 1'000; ///< not yet over
+    /// Keys and workers of which it is known, as long as the broker runs, that they answer wrong
+    /// pixels; what jobs know of them goes with the jobs.
+    std::size_t liars_max = 10'000;
     std::size_t finished_jobs_max = 1'000; ///< kept for watchers; the oldest are forgotten first
     Duration keep = std::chrono::hours(7 * 24); ///< so long; then they are forgotten, too
     std::size_t tombstones_max = 10'000;        ///< ids of forgotten jobs that are not used again

@@ -96,6 +96,10 @@ Result<void> admit(const net::Context& context, const std::filesystem::path& fil
     auto list = net::AllowList::read(file);
     if (!list)
         return list.error();
+    if (const auto known = context.admitted(); list->size() == 0 && known && known->size() > 0)
+        return Error{ErrorCode::invalid_argument,
+                     file.string() + ": it names no key, and so would shut out everybody (is it "
+                                     "being written?)"};
     if (const auto holder = list->find(context.farm()->text))
         return Error{ErrorCode::invalid_argument,
                      file.string() + ": '" + holder->name +

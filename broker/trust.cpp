@@ -192,6 +192,9 @@ void Dispatcher::distrust(const std::vector<Distrusted>& liars, const JobId& fou
 
 /// To nobody who has that key.
 void Dispatcher::give_no_more(const Distrusted& who) {
+    pardoned_.erase(who.worker);
+    if (liars_.size() < limits_.liars_max)
+        liars_.emplace(who.worker, who.reason);
     for (auto& [peer, worker] : workers_)
         if (worker.drawer == who.worker)
             give_no_more(peer, worker, who.reason);
@@ -365,8 +368,19 @@ bool Dispatcher::ends_as_told(const Job& job) const {
     return membership_.leads() ? !job.holds_scene : is_checked_as_told(job);
 }
 
+/// Somebody has taken it back: for all who have its key, until it is found again.
+void Dispatcher::pardon(const WorkerId& drawer) {
+    liars_.erase(drawer);
+    if (pardoned_.size() < limits_.liars_max)
+        pardoned_.insert(drawer);
+}
+
 /// What is known of one that says hello: a broker that was started anew has it from its jobs.
 void Dispatcher::recall_distrust(WorkerSession& worker) const {
+    if (pardoned_.contains(worker.drawer))
+        return;
+    if (const auto liar = liars_.find(worker.drawer); liar != liars_.end())
+        worker.distrusted = liar->second;
     for (const auto& [id, job] : jobs_)
         for (const Distrusted& who : job.distrusted())
             if (who.worker == worker.drawer)

@@ -147,6 +147,53 @@ TEST_CASE("workers of one key have one voice, whatever they call themselves") {
     }
 }
 
+TEST_CASE(
+    "limits: liars_max: a liar stays one when its jobs are forgotten, until it is taken back") {
+    Limits limits;
+    limits.liars_max = 1;
+    limits.finished_jobs_max = 1;
+    Farm farm(limits);
+    const auto come = [&](const PeerId& peer, std::uint8_t id, const std::string& key) {
+        farm.worker_arrives(peer, id, 1, 2, {}, key_of(key));
+    };
+    come("a", 1, "ada");
+    come("b", 2, "mallory");
+    come("c", 3, "eve");
+    JobId job = farm.submit("client", Farm::checked(1, 6));
+    work(farm, {"a", "b", "c"}, {"b"});
+    REQUIRE(farm.state(job).distrusted.size() == 1);
+    const auto end_another = [&] { // and the job that tells of it is forgotten
+        const JobId other = farm.submit("client", Farm::picture(8, 1));
+        work(farm, {"a", "c"});
+        REQUIRE(farm.state(other).phase == JobPhase::done);
+    };
+    const auto is_given_any = [&](const PeerId& peer, std::uint8_t number) {
+        (void)farm.submit(number, 40);
+        const bool any = !farm.tiles(peer).empty();
+        return any;
+    };
+    SUBCASE("it is forgotten by nobody") {
+        end_another();
+        come("b2", 9, "mallory");
+        CHECK_FALSE(is_given_any("b2", 5));
+    }
+    SUBCASE("who was taken back is so in a new process, too") {
+        farm.say("client", ControlWorker{"b", WorkerDeed::undrain});
+        farm.say("b", Goodbye{});
+        come("b2", 9, "mallory");
+        CHECK(is_given_any("b2", 5));
+    }
+    SUBCASE("of one too many its jobs alone tell") {
+        come("d", 4, "trudy");
+        job = farm.submit("client", Farm::checked(2, 12));
+        work(farm, {"a", "c", "d"}, {"d"});
+        REQUIRE(farm.state(job).distrusted.size() == 1);
+        end_another();
+        come("d2", 9, "trudy");
+        CHECK(is_given_any("d2", 5));
+    }
+}
+
 TEST_CASE("machines that share a key check each other, and one of them is distrusted alone") {
     const auto shared =
         std::make_shared<KeyHolder>(KeyHolder{"key of all", "machines", {Role::worker}, true});

@@ -110,6 +110,9 @@ TEST_CASE(
     reread("stay as they were: ");
     CHECK(contains(farm.broker().err(), ring.allow_file() + ":1: there is no role 'nonsense'"));
     CHECK(jobs("ada") == 0);
+    ring.allow({});
+    reread("it names no key, and so would shut out everybody");
+    CHECK(jobs("ada") == 0);
     ring.allow({{"ada", "submit"}, {"farm", "admin"}});
     reread("'farm' has the key of the farm's brokers");
     CHECK(jobs("ada") == 0);
