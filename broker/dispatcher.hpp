@@ -133,7 +133,7 @@ private:
         /// What others have given it, since it was greeted or this broker leads.
         bool has_told = false;
         std::optional<Instant> tells_by; ///< it gets nothing before that, or before it has told
-        BrokerId told_leader;            ///< as its beats say
+        BrokerId heard_leader;           ///< as its beats say
         Instant leader_heard_at{};       ///< by it
         Holder holder;                   ///< of the key it came with
         WorkerId drawer;                 ///< drawer_of
@@ -498,7 +498,7 @@ private:
     void end_jobs_whose_time_is_up();
 
     // trust.cpp: tiles that are drawn twice, and workers whose pixels are wrong
-    [[nodiscard]] bool is_to_be_checked(const Job& job, const Tile& tile) const;
+    [[nodiscard]] bool is_to_be_checked(const Job& job, const Tile& tile, Giver giver) const;
     void want_check(Job& job, const Tile& tile, const protocol::TileDone& result, Giver giver);
     [[nodiscard]] Checks::HasOthers others_for(const Job& job) const;
     bool grant_check(const PeerId& peer, WorkerSession& worker, Job& job);

@@ -187,7 +187,7 @@ void Dispatcher::restore(const StoredJob& stored, const Restored& event) {
     for (const StoredTile& tile : stored.tiles)
         if (job.restore(tile) && stored.phase != JobPhase::done) {
             const Tile& restored = job.results().back().tile;
-            if (is_to_be_checked(job, restored))
+            if (is_to_be_checked(job, restored, Giver::known))
                 job.want_check(restored, {tile.worker, tile.worker_name, tile.pixels});
         }
     const Duration over_for = stored.over_for.value_or(Duration::zero());

@@ -291,7 +291,7 @@ void Dispatcher::hear_workers_of_leader() {
         return;
     std::map<std::string_view, Instant> heard; // a voter's latest
     for (const auto& [id, worker] : workers_)
-        if (worker.told_leader == leader && worker.distrusted.empty()) {
+        if (worker.heard_leader == leader && worker.distrusted.empty()) {
             Instant& at = heard[worker.voter];
             at = std::max(at, worker.leader_heard_at);
         }
@@ -461,19 +461,19 @@ void Dispatcher::forget_broker(const BrokerId& id) {
 /// One that says hello is whoever was there before it no more.
 void Dispatcher::forget_predecessors(const BrokerHello& hello) {
     std::vector<BrokerId> earlier;
-    for (const auto& [id, peer] : membership_.peers())
-        if (id != hello.broker && !hello.endpoint.empty() && peer.endpoint == hello.endpoint &&
-            peer.rank.started_at > hello.started_at && membership_.is_here(id, now_) &&
-            refusals_told_.is_new(now_, "place " + hello.endpoint))
+    for (const auto& [id, peer] : membership_.peers()) {
+        if (id == hello.broker || hello.endpoint.empty() || peer.endpoint != hello.endpoint)
+            continue;
+        if (peer.rank.started_at <= hello.started_at)
+            earlier.push_back(id);
+        else if (membership_.is_here(id, now_) &&
+                 refusals_told_.is_new(now_, "place " + hello.endpoint))
             log({.level = LogLevel::warning,
                  .kind = "one_place_twice",
                  .subject = hello.endpoint,
                  .text = "two brokers say to be at " + hello.endpoint +
                          ", and are not told apart: each needs an --advertise of its own"});
-    for (const auto& [id, peer] : membership_.peers())
-        if (id != hello.broker && !hello.endpoint.empty() && peer.endpoint == hello.endpoint &&
-            peer.rank.started_at <= hello.started_at)
-            earlier.push_back(id);
+    }
     for (const BrokerId& id : earlier) {
         for (auto& [endpoint, line] : lines_) // where it is, is known
             if (line.broker == id)

@@ -246,7 +246,7 @@ void Dispatcher::adopt_job(const BrokerId& broker, const JobRecord& record, cons
     log({.level = LogLevel::debug,
          .kind = "job_copied",
          .subject = to_string(s.job),
-         .text = described(job) + ": a copy, from broker " + endpoint_of(broker)});
+         .text = described(job) + ": a copy, from broker " + named(broker)});
     job.awaited = record;
     if (is_over(record.phase) || blobs_.complete(s.scene))
         return keep_job(job);

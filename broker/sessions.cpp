@@ -240,7 +240,7 @@ void Dispatcher::beat(const PeerId& peer, WorkerSession& worker, const WorkerBea
         membership_.learn_of_worker(now_, beat.term, rumour_counter_max());
         const bool has_heard =
             beat.leader_silence >= Duration{} && beat.leader_silence <= now_ - Instant{};
-        worker.told_leader = beat.term.leader;
+        worker.heard_leader = beat.term.leader;
         worker.leader_heard_at = has_heard ? now_ - beat.leader_silence : Instant{};
         note_in_hand(peer, worker, beat);
     }

@@ -57,7 +57,7 @@ void Dispatcher::begin_to_lead() {
          .subject = {},
          .text = "this broker leads: it hands out the tiles (term " +
                  std::to_string(term().counter) + ")" +
-                 (before ? "; no worker reaches " + endpoint_of(before->rank.broker) +
+                 (before ? "; no worker reaches " + named(before->rank.broker) +
                                ", which would lead before it"
                          : "")});
     for (auto& [peer, worker] : workers_)

@@ -39,22 +39,21 @@ std::string names_of(const Checks::Check& check) {
 // ----------------------------------------------------------------------------------------- checks
 
 /// Whatever the order in which tiles come. Workers do not know the key: none can answer right where
-/// it will be checked, and wrong elsewhere.
-bool Dispatcher::is_to_be_checked(const Job& job, const Tile& tile) const {
-    const double share = job.submission().wishes.verify;
-    if (!(share > 0) || is_order(job))
+/// it will be checked, and wrong elsewhere. What nobody here has given a worker may be whatever it
+/// likes, of any size: it is checked, also where a share of the tiles is.
+bool Dispatcher::is_to_be_checked(const Job& job, const Tile& tile, Giver giver) const {
+    if (!job.is_checked() || is_order(job))
         return false;
+    if (giver == Giver::unknown)
+        return true;
     Rng rng(identity_.check_key ^ hash_of(job.id()));
     rng = Rng(rng.next() ^ static_cast<std::uint64_t>(job.index(tile)));
     rng = Rng(rng.next() ^ (std::uint64_t{tile.cells.width} << 32 | tile.cells.height));
-    return rng.unit() < share;
+    return rng.unit() < job.submission().wishes.verify;
 }
 
-/// What nobody here has given a worker may be whatever it likes, of any size: it is checked, also
-/// where a share of the tiles is.
 void Dispatcher::want_check(Job& job, const Tile& tile, const TileDone& result, Giver giver) {
-    const bool is_unasked = giver == Giver::unknown && job.is_checked() && !is_order(job);
-    if (is_unasked || is_to_be_checked(job, tile))
+    if (is_to_be_checked(job, tile, giver))
         job.want_check(tile, {result.worker, result.worker_name, pixels_hash(result.blobs)});
 }
 

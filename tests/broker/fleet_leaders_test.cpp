@@ -271,16 +271,8 @@ TEST_CASE("one worker that lies about the leader holds up no takeover") {
     fleet.pass(4s);
     fleet.worker_arrives("w", 1, 1);
     fleet.worker_arrives("v", 2, 1);
-    fleet.say(1, "liar",
-              WorkerHello{.worker = id_of<WorkerId>(3),
-                          .incarnation = 1,
-                          .worker_name = "liar",
-                          .threads = 1,
-                          .credit = 1,
-                          .speed_rays_per_s = 0,
-                          .memory_bytes = 0,
-                          .tags = {},
-                          .program_version = "test"});
+    fleet.worker_arrives("liar", 3, 1, {0});
+    fleet.workers.erase("liar"); // which says what it likes
     const Term term = fleet.at(1).membership().term();
     const BrokerId dead = fleet.nodes[0].id;
     WorkerBeat beat{.credit = 1, .in_flight = {}, .tiles_received = 0, .term = term};

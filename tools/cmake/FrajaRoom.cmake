@@ -78,6 +78,7 @@ endfunction()
 
 # fraja_test(<name> SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROCESSORS n] [FIRST]): a doctest program; each TEST_CASE becomes one ctest test.
 # FIRST: before the others, as some take long, and a long one that is left at the end has CPUs wait for it.
+set(FRAJA_FIRST COST 1000) # the properties of such a test
 function(fraja_test name)
     cmake_parse_arguments(ARG "FIRST" "TIMEOUT;PROCESSORS" "SOURCES;LINKS;LABELS" ${ARGN})
     set(target ${name}_test)
@@ -97,7 +98,7 @@ function(fraja_test name)
         list(APPEND properties PROCESSORS ${ARG_PROCESSORS})
     endif()
     if(ARG_FIRST)
-        list(APPEND properties COST 1000)
+        list(APPEND properties ${FRAJA_FIRST})
     endif()
     if(ARG_LABELS)
         list(APPEND properties LABELS ${ARG_LABELS})
